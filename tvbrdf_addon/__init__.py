@@ -1,0 +1,1 @@
+"""Everything that touches bpy.  Never imports torch, never computes a BRDF."""
