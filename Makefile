@@ -1,0 +1,81 @@
+# Age Material: everything is built, tried and tested from here.  `make` alone lists what there is.
+
+PYTHON ?= python3.11
+# Pythons whose wheels go into the zip: 3.11 serves Blender 4.2 to 5.0, 3.13 serves 5.1 and later.
+PYTHONS ?= 3.11 3.13
+# Where PyTorch's CPU build is taken from when pip finds it nowhere else.
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+# Folder of wheels to pack, or none.
+WHEELS ?= build/wheels
+# Blender versions that `make test-blenders` tries besides the one in requirements-blender.txt.
+BLENDERS ?= 4.2.23 5.0.1
+PYTEST_ARGS ?=
+
+PIP_INSTALL = -m pip install --quiet --disable-pip-version-check
+READY = .venv/ready .venv-blender/ready build/wheels/ready
+
+.DELETE_ON_ERROR:
+.PHONY: help demo extension wheels test test-blenders types format clean
+
+help:
+	@echo "make demo           age a painted steel can in Blender, into out/demo"
+	@echo "make extension      build the zip to install in Blender (WHEELS=none: without torch)"
+	@echo "make test           lint and every test, in real Blender too"
+	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
+	@echo "make format         put the code in order"
+	@echo "make types          check types with pyright"
+	@echo "make clean          remove what was built, environments excepted"
+
+demo: $(READY)
+	@.venv/bin/python .ci/extension.py build --wheels build/wheels --output build
+	@.venv-blender/bin/python tests/blender/demo.py --extension build --output out/demo
+	@.venv/bin/python tests/blender/contact_sheet.py out/demo
+
+extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/ready)
+	@.venv/bin/python .ci/extension.py build --wheels "$(WHEELS)" --output build
+
+wheels: build/wheels/ready
+
+test: $(READY)
+	.venv/bin/python -m ruff check .
+	.venv/bin/python -m ruff format --check .
+	.venv/bin/python -m pytest -m "not blenders" $(PYTEST_ARGS)
+
+test-blenders: $(READY) $(foreach version,$(BLENDERS),.venv-blender-$(version)/ready)
+	TVBRDF_BLENDERS="$(BLENDERS)" .venv/bin/python -m pytest -m blenders $(PYTEST_ARGS)
+
+types: .venv/ready
+	.venv/bin/python -m pyright
+
+format: .venv/ready
+	.venv/bin/python -m ruff check --fix .
+	.venv/bin/python -m ruff format .
+
+clean:
+	rm -rf build out
+
+# Environments.  Scripts inside them are not called: their first line breaks in a path with a space.
+
+.venv/bin/python:
+	.ci/system-libraries "$(PYTHON)"
+	"$(PYTHON)" -m venv .venv
+
+build/wheels/ready: requirements-runtime.txt | .venv/bin/python
+	.venv/bin/python .ci/extension.py wheels --output build/wheels \
+	    --torch-index "$(TORCH_INDEX)" $(foreach version,$(PYTHONS),--python $(version))
+	@touch $@
+
+.venv/ready: requirements.txt requirements-runtime.txt requirements-blender.txt build/wheels/ready
+	.venv/bin/python $(PIP_INSTALL) --find-links build/wheels/3.11 --requirement requirements.txt
+	@touch $@
+
+.venv-blender/ready: requirements-blender.txt | .venv/bin/python
+	"$(PYTHON)" -m venv .venv-blender
+	.venv-blender/bin/python $(PIP_INSTALL) --requirement requirements-blender.txt
+	@touch $@
+
+.venv-blender-%/ready: requirements-blender.txt | .venv/bin/python
+	"$(PYTHON)" -m venv .venv-blender-$*
+	sed "s/^bpy==.*/bpy==$*/" requirements-blender.txt > .venv-blender-$*/requirements.txt
+	.venv-blender-$*/bin/python $(PIP_INSTALL) --requirement .venv-blender-$*/requirements.txt
+	@touch $@
