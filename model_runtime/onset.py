@@ -1,0 +1,231 @@
+"""When each texel's history starts: seeded procedural patterns that spread like the real thing.
+
+A model of change gives every texel the same history; what makes rust look like rust is that the
+history starts at different times. An onset map holds that time, and the product ages a texel by
+
+    a(x, y, t) = max(0, t - onset(x, y)),
+
+so that an onset of 0 everywhere is the paper's behaviour.
+
+The pattern is a growth process. Nuclei appear at random places and times (Johnson and Mehl 1939,
+Avrami 1939) and spread through a medium of uneven speed; the arrival time T solves the eikonal
+equation |grad T| = slowness on a coarse grid (Godunov's upwind scheme, Rouy and Tourin 1992), and
+octaves of noise roughen its borders down to a few texels. Arrival times are then replaced by their
+ranks, and the ranks by `PACE`, so that the same share of texels has started at a given time
+whatever the process, the seed and the size.
+
+Everything is laid out in fractions of the tile's longer side and drawn per octave, so a small map
+is the large one seen from further away.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ("PACE", "fractal_noise", "onset_map")
+
+Array = NDArray[np.float32]
+
+PACE = ((0.0, 0.025), (0.10, 0.055), (0.30, 0.11), (0.72, 0.76), (1.0, 0.95))
+"""(share of texels, time by which that share has started): a quick start, so that the first quarter
+of the timeline already shows spots, a steady border in between, and a remnant that turns last."""
+
+_GRID = 192  # cells of the coarse growth grid along the longer side
+_LATE = 1e3  # an arrival time beyond any real one; finite, so that differences stay finite
+
+
+@dataclass(frozen=True)
+class _Growth:
+    """How a process spreads. Lengths are in tile sides; time is what speed 1 needs to cross one."""
+
+    nuclei: int  # per square tile
+    clusters: tuple[float, float]  # noise cells (down, across) of the patches nuclei favour
+    cluster_delay: float  # births lag by up to about this outside the patches
+    birth_spread: float  # and by up to this at random
+    across: float  # speeds
+    down: float
+    up: float
+    unevenness: float  # log-amplitude of the slowness
+    grain: tuple[float, float]  # noise cells (down, across) of the slowness and border noise
+    raggedness: float  # amplitude of the border noise's first octave, in time
+    gain: float  # amplitude ratio from one octave to the next finer one
+
+
+_PROCESSES = {
+    "rust": _Growth(
+        nuclei=700, clusters=(3, 3), cluster_delay=0.08, birth_spread=0.06,
+        across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.02, gain=0.75,
+    ),
+    "patina": _Growth(
+        nuclei=60, clusters=(3, 4), cluster_delay=0.6, birth_spread=0.2,
+        across=0.35, down=1.3, up=0.2, unevenness=0.8, grain=(4, 16), raggedness=0.14, gain=0.72,
+    ),
+    "char": _Growth(
+        nuclei=5, clusters=(2, 2), cluster_delay=0.1, birth_spread=0.15,
+        across=1.0, down=0.8, up=1.25, unevenness=1.0, grain=(9, 9), raggedness=0.06, gain=0.65,
+    ),
+}  # fmt: skip
+_SPOTS = _Growth(
+    nuclei=120, clusters=(3, 3), cluster_delay=0.15, birth_spread=0.1,
+    across=1.0, down=1.0, up=1.0, unevenness=0.5, grain=(8, 8), raggedness=0.03, gain=0.55,
+)  # fmt: skip
+
+
+def onset_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool = True) -> Array:
+    """Time, 0 to 1, at which each texel's history starts: float32 [H, W].
+
+    `process` is `rust` (clustered spots that grow and merge), `patina` (streaks running down and
+    soft patches), `char` (a ragged front burning outwards from a few places); any other name gets
+    plain spots. `tileable` patterns wrap at the edges without a seam; otherwise a burning front
+    also enters from an edge. The same arguments give the same map.
+    """
+    height, width = shape
+    assert height > 0 and width > 0, shape
+    growth = _PROCESSES.get(process, _SPOTS)
+    source = _Source(seed, zlib.crc32(process.encode()), height / max(shape), width / max(shape))
+    arrival = _spline(_arrival(growth, source, process, tileable), shape, tileable)
+    arrival += growth.raggedness * fractal_noise(
+        source.rng("border"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
+    )
+    return _paced(arrival)
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Random streams of one map, and the tile's extent in units of its longer side."""
+
+    seed: int
+    process: int
+    height: float
+    width: float
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        words = (self.seed & (2**64 - 1), self.process, zlib.crc32(purpose.encode()))
+        return np.random.default_rng(words)
+
+
+def fractal_noise(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    *,
+    cells: tuple[float, float],
+    gain: float = 0.5,
+    octaves: int | None = None,
+    tileable: bool = True,
+) -> Array:
+    """Sum of octaves of smooth noise, roughly -1 to 1 in the first octave: float32 [H, W].
+
+    `cells` counts the first octave's noise cells (down, across) on a tile with a side of 1; each
+    octave doubles them and multiplies the amplitude by `gain`. Octaves end at cells of two texels,
+    or after `octaves`. Coarse octaves are drawn first, so a larger map only adds detail.
+    """
+    height, width = shape
+    longer = max(shape)
+    total = np.zeros(shape, np.float32)
+    amplitude, scale = 1.0, 1.0
+    while octaves is None or octaves > 0:
+        rows = max(1, round(cells[0] * scale * height / longer))
+        columns = max(1, round(cells[1] * scale * width / longer))
+        octave = rng.spawn(1)[0]
+        if max(cells) * scale > longer / 2 and scale > 1.0:
+            break
+        lattice = octave.uniform(-1.7, 1.7, (rows, columns))
+        total += np.float32(amplitude) * _spline(lattice, shape, tileable)
+        amplitude, scale = amplitude * gain, scale * 2.0
+        octaves = None if octaves is None else octaves - 1
+    return total
+
+
+def _spline(lattice: NDArray[np.floating], shape: tuple[int, int], tileable: bool) -> Array:
+    """Cubic B-spline through a lattice of cell-centred values, at texel centres: float32 [H, W]."""
+    values = lattice.astype(np.float32)
+    for axis in (0, 1):
+        cells, texels = values.shape[axis], shape[axis]
+        position = (np.arange(texels) + 0.5) * (cells / texels) - 0.5
+        cell = np.floor(position).astype(np.int64)
+        u = (position - cell).astype(np.float32)
+        weights = (
+            (1 - u) ** 3 / 6,
+            (3 * u**3 - 6 * u**2 + 4) / 6,
+            (-3 * u**3 + 3 * u**2 + 3 * u + 1) / 6,
+            u**3 / 6,
+        )
+        result: Array | float = 0.0
+        for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
+            index = (cell + offset) % cells if tileable else np.clip(cell + offset, 0, cells - 1)
+            result = result + np.take(values, index, axis) * np.expand_dims(weight, 1 - axis)
+        values = np.asarray(result, np.float32)
+    return values
+
+
+def _arrival(growth: _Growth, source: _Source, process: str, tileable: bool) -> NDArray[np.float64]:
+    """Arrival time of the growth on the coarse grid."""
+    rows, columns = (max(8, round(_GRID * side)) for side in (source.height, source.width))
+    shape = (rows, columns)
+    patches = fractal_noise(
+        source.rng("patches"), shape, cells=growth.clusters, octaves=3, tileable=tileable
+    )
+    uneven = fractal_noise(
+        source.rng("slowness"), shape, cells=growth.grain, octaves=3, tileable=tileable
+    )
+
+    rng = source.rng("nuclei")
+    count = max(3, round(growth.nuclei * source.height * source.width))
+    y, x, late = rng.random((3, count))
+    row, column = (y * rows).astype(np.int64), (x * columns).astype(np.int64)
+    delay = 0.5 * growth.cluster_delay * (1.0 + patches[row, column])
+    births = np.full(shape, _LATE)
+    np.minimum.at(births, (row, column), delay + growth.birth_spread * late)
+    if process == "char" and not tileable:
+        births[-1] = growth.cluster_delay
+    return _eikonal(births, np.exp(growth.unevenness * uneven) / _GRID, growth, tileable)
+
+
+def _eikonal(
+    births: NDArray[np.float64], step: NDArray[np.float64], growth: _Growth, tileable: bool
+) -> NDArray[np.float64]:
+    """First arrival from any birth; `step` is the time speed 1 needs to cross a cell."""
+
+    def neighbour(times: NDArray[np.float64], shift: int, axis: int) -> NDArray[np.float64]:
+        moved = np.roll(times, shift, axis)
+        if not tileable:
+            edge = [slice(None), slice(None)]
+            edge[axis] = slice(0, 1) if shift > 0 else slice(-1, None)
+            moved[tuple(edge)] = _LATE
+        return moved
+
+    times = births
+    p = step / growth.across
+    for _ in range(8 * _GRID):
+        a = np.minimum(neighbour(times, 1, 1), neighbour(times, -1, 1))
+        updated = times
+        for shift, speed in ((1, growth.down), (-1, growth.up)):
+            b, q = neighbour(times, shift, 0), step / speed
+            # The larger root of ((T - a) / p)^2 + ((T - b) / q)^2 = 1, where it uses both sides.
+            root = p * p + q * q - (a - b) ** 2
+            both = (a * q * q + b * p * p + p * q * np.sqrt(np.maximum(root, 0.0))) / (
+                p * p + q * q
+            )
+            one = np.minimum(a + p, b + q)
+            usable = (root > 0.0) & (both >= np.maximum(a, b))
+            updated = np.minimum(updated, np.where(usable, both, one))
+        if np.array_equal(updated, times):
+            break
+        times = updated
+    return times
+
+
+def _paced(arrival: Array) -> Array:
+    """Arrival times replaced by `PACE` of their ranks."""
+    bins = 1 << 14
+    low, high = float(arrival.min()), float(arrival.max())
+    if high <= low:
+        return np.zeros_like(arrival)
+    counts, edges = np.histogram(arrival, bins, (low, high))
+    shares = np.concatenate(([0.0], np.cumsum(counts) / arrival.size))
+    onset_at_edge = np.interp(shares, *np.transpose(PACE))
+    return np.interp(arrival, edges, onset_at_edge).astype(np.float32)
