@@ -1,0 +1,25 @@
+"""A measured BRDF, whatever file it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from torch import Tensor
+
+__all__ = ("MeasuredBRDF",)
+
+
+@dataclass(frozen=True)
+class MeasuredBRDF:
+    """An isotropic material known by its values only.
+
+    name:      what its file is called, without folder and ending
+    evaluate:  angles [M, 3] (half-angle coordinates, radians) -> f [M, 3], linear RGB per steradian,
+               never negative, 0 where either direction is below the horizon. Values are what the
+               file holds: measurements are not exactly reciprocal, and nothing is averaged here
+               (phi_d from 0 to pi already visits each pair of directions in both orders).
+    """
+
+    name: str
+    evaluate: Callable[[Tensor], Tensor]

@@ -1,0 +1,75 @@
+"""Materials as maps: what travels between reading, ageing and writing.
+
+Every map is a contiguous float32 array whose row 0 is the top row; all maps of a material have one
+size, and 1 x 1 means a uniform material. Colours are linear Rec.709.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ("Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
+
+Pixels = NDArray[np.float32]
+
+
+class _SizedMaps:
+    """What both kinds of maps share: one size, checked when they are made."""
+
+    def __post_init__(self) -> None:
+        size = self.size
+        for field in fields(self):  # type: ignore[arg-type]
+            pixels = getattr(self, field.name)
+            assert pixels.dtype == np.float32, f"{field.name} is {pixels.dtype}"
+            assert pixels.shape[:2] == size, f"{field.name} is {pixels.shape}, not {size}"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) in texels."""
+        first = getattr(self, fields(self)[0].name)  # type: ignore[arg-type]
+        return first.shape[0], first.shape[1]
+
+    @property
+    def uniform(self) -> bool:
+        """One texel stands for the whole material."""
+        return self.size == (1, 1)
+
+
+@dataclass(frozen=True)
+class TorranceSparrowMaps(_SizedMaps):
+    """f = Kd / pi + Ks D G / (4 cos_i cos_o) per texel (DESIGN.md, Conventions).
+
+    kd:     [H, W, 3] diffuse albedo
+    ks:     [H, W, 3] specular strength, flat Fresnel
+    alpha:  [H, W] GGX width, not squared; Blender's roughness is its square root
+    """
+
+    kd: Pixels
+    ks: Pixels
+    alpha: Pixels
+
+
+@dataclass(frozen=True)
+class PrincipledMaps(_SizedMaps):
+    """The sockets of Blender's Principled BSDF that ageing reads.
+
+    base_color:     [H, W, 3]
+    metallic:       [H, W] 0 to 1
+    specular:       [H, W] Specular IOR Level, 0.5 leaves the IOR's own F0
+    roughness:      [H, W] 0 to 1
+    ior:            [H, W] index of refraction
+    specular_tint:  [H, W, 3]
+    """
+
+    base_color: Pixels
+    metallic: Pixels
+    specular: Pixels
+    roughness: Pixels
+    ior: Pixels
+    specular_tint: Pixels
+
+
+Maps = TorranceSparrowMaps | PrincipledMaps
