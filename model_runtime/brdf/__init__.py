@@ -1,0 +1,1 @@
+"""Reflectance models, one file each; all are functions of half-angle coordinates."""

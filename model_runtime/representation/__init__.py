@@ -1,0 +1,39 @@
+"""BRDF autoencoders: the paper's, and one built on analytic lobes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from torch import nn
+
+from ..errors import ModelFileError
+from ..package import ENCODER, hash_tensors, load_model
+from .lobes import LobeRepresentation
+from .paper import PaperRepresentation
+
+__all__ = ("build", "load_representation")
+
+_KINDS = {"lobes": LobeRepresentation, "paper": PaperRepresentation}
+
+
+def build(name: str) -> LobeRepresentation | PaperRepresentation:
+    """A new, untrained representation of the kind `name`."""
+    return _KINDS[name]()
+
+
+def load_representation(path: Path = ENCODER) -> tuple[nn.Module, str]:
+    """The trained representation in `path`, ready for use, and the hash that NTMs refer to it by."""
+    tensors, card = load_model(path, "encoder")
+    if card.name not in _KINDS:
+        raise ModelFileError(
+            f"{path.name} holds a representation '{card.name}' unknown here.", "Update the extension."
+        )
+    model = build(card.name)
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise ModelFileError(
+            f"{path.name} does not fit the representation '{card.name}'.",
+            "Copy or download it again.",
+        ) from error
+    return model.eval().requires_grad_(False), hash_tensors(tensors)

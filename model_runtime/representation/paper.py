@@ -1,0 +1,116 @@
+"""The paper's BRDF encoder and decoder (section 3.1, figure 3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from ..brdf.half_angle import above_horizon, network_input
+from .latents import Latents, inverse_log_transform, log_transform
+
+__all__ = ("PaperConfig", "PaperRepresentation")
+
+
+@dataclass(frozen=True)
+class PaperConfig:
+    """Section 4.1: d_w = 64 and d_z = 7; heads and layers as in the published code."""
+
+    width: int = 64
+    shared_latents: int = 7
+    heads: int = 8
+    blocks: int = 1
+    decoder_width: int = 128
+    decoder_layers: int = 6
+
+
+class _Attention(nn.Module):
+    """Multi-head attention with a residual MLP, both behind layer normalisation."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.before, self.between = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.query, self.key_value = nn.Linear(width, width), nn.Linear(width, 2 * width)
+        self.out = nn.Linear(width, width)
+        self.mlp = nn.Sequential(nn.Linear(width, width), nn.GELU(), nn.Linear(width, width))
+
+    def forward(self, queries: Tensor, tokens: Tensor) -> Tensor:
+        """`queries` [..., q, w] attend to `tokens` [..., t, w]."""
+        keys, values = self.key_value(self.before(tokens)).chunk(2, -1)
+        asked = self.query(self.before(queries))
+        split = [x.unflatten(-1, (self.heads, -1)).transpose(-2, -3) for x in (asked, keys, values)]
+        mixed = functional.scaled_dot_product_attention(*split).transpose(-2, -3).flatten(-2)
+        queries = queries + self.out(mixed)
+        return queries + self.mlp(self.between(queries))
+
+
+class PaperRepresentation(nn.Module):
+    """Self-attention over the colour channels of each sample, class attention, mean over samples.
+
+    `encode` gives z_RGB (color, [N, 3, 1]: the channel medians of l(reflectance)) and the mean of
+    z_BRDF (shared, [N, 7]). While training, z_BRDF is drawn from the normal distribution that the
+    encoder estimates.
+    """
+
+    name = "paper"
+
+    def __init__(self, config: PaperConfig = PaperConfig()) -> None:
+        super().__init__()
+        self.config = config
+        width = config.width
+        self.embed = nn.Linear(5, width)
+        self.self_attention = nn.ModuleList(
+            _Attention(width, config.heads) for _ in range(config.blocks)
+        )
+        self.class_token = nn.Parameter(torch.zeros(width))
+        self.class_attention = _Attention(width, config.heads)
+        self.to_normal = nn.Sequential(
+            nn.Linear(width, 128), nn.GELU(), nn.Linear(128, 2 * config.shared_latents)
+        )
+        inputs = 3 + config.shared_latents + 4
+        hidden = config.decoder_width
+        self.decoder = nn.ModuleList(
+            nn.Linear(inputs if i == 0 else hidden + inputs, hidden)
+            for i in range(config.decoder_layers)
+        )
+        self.to_color = nn.Linear(hidden, 3)
+
+    def sample_angles(self, m: int) -> Tensor:
+        """The first `m` of a fixed sequence of directions [m, 3] above the horizon."""
+        g = torch.Generator().manual_seed(0)
+        u = torch.rand(2 * m + 64, 3, generator=g)
+        angles = torch.stack(
+            (u[:, 0] ** 2 * math.pi / 2, u[:, 1] * math.pi / 2, u[:, 2] * 2 * math.pi), 1
+        )
+        return angles[above_horizon(angles)][:m]
+
+    def encode(self, angles: Tensor, f: Tensor) -> Latents:
+        """Latents of `f` [N, M, 3] at any `angles` [M, 3]."""
+        values = log_transform(f.clamp_min(0))
+        color = values.median(1).values
+        placed = network_input(angles)[None, :, None].expand(*values.shape, 4)
+        tokens = self.embed(torch.cat((values[..., None], placed), -1))
+        for block in self.self_attention:
+            tokens = block(tokens, tokens)
+        token = self.class_token.expand(*tokens.shape[:2], 1, -1)
+        feature = self.class_attention(token, torch.cat((token, tokens), 2))[:, :, 0].mean(1)
+        mean, log_variance = self.to_normal(feature).chunk(2, -1)
+        if self.training:
+            mean = mean + torch.randn_like(mean) * (0.5 * log_variance.clamp(-20, 4)).exp()
+        return Latents(color[..., None], mean)
+
+    def decode(self, latents: Latents, angles: Tensor) -> Tensor:
+        """f [N, M, 3] at `angles` [M, 3]."""
+        n, m = len(latents.shared), len(angles)
+        given = torch.cat((latents.color.flatten(1), latents.shared), 1)
+        given = torch.cat(
+            (given[:, None].expand(n, m, -1), network_input(angles).expand(n, m, -1)), -1
+        )
+        hidden = functional.gelu(self.decoder[0](given))
+        for layer in self.decoder[1:]:
+            hidden = functional.gelu(layer(torch.cat((hidden, given), -1)))
+        return inverse_log_transform(functional.softplus(self.to_color(hidden), beta=20))

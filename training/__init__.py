@@ -1,0 +1,1 @@
+"""Trains BRDF encoders and neural temporal models, and measures them."""

@@ -1,0 +1,210 @@
+"""Training of BRDF encoders and decoders: `python -m training encoder`."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from model_runtime.package import save_model
+from model_runtime.representation import build
+from model_runtime.representation.latents import Latents, Representation, log_transform
+from model_runtime.representation.lobes import compress
+
+from .checkpoint import load_checkpoint, save_checkpoint
+from .data.location import data_folder
+from .data.materials import draw_batch, loss_angles, sphere_angles
+from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
+from .evaluation.metric import tone_map
+
+__all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
+
+
+@dataclass(frozen=True)
+class EncoderConfig:
+    """One recipe. `iterations` is what `--minutes` overrides, at the speed measured on this machine."""
+
+    representation: Literal["lobes", "paper"]
+    iterations: int
+    batch: int
+    samples: int
+    """Directions that the encoder is given (a representation may insist on its own)."""
+    targets: int
+    """Directions at which the decoded BRDF is compared."""
+    learning_rate: float
+    warm_up: int
+    schedule: Literal["constant", "cosine"]
+    pixels: int
+    """Random sphere pixels compared after tone mapping, 0 for none."""
+    latent_noise: float
+    """Standard deviation added to latents, so that near latents decode to near BRDFs."""
+    augment: bool
+
+
+CONFIGS = {
+    "fast": EncoderConfig(
+        representation="lobes",
+        iterations=60_000,
+        batch=64,
+        samples=0,
+        targets=384,
+        learning_rate=1e-3,
+        warm_up=500,
+        schedule="cosine",
+        pixels=8,
+        latent_noise=0.02,
+        augment=True,
+    ),
+    "paper": EncoderConfig(
+        representation="paper",
+        iterations=600_000,
+        batch=16,
+        samples=16_200,
+        targets=16_200,
+        learning_rate=1e-4,
+        warm_up=0,
+        schedule="constant",
+        pixels=0,
+        latent_noise=0.0,
+        augment=False,
+    ),
+}
+
+
+def learning_rate(config: EncoderConfig, step: int, total: int) -> float:
+    """The rate at `step` of `total`: a linear warm-up, then constant or a cosine to 1 %."""
+    rate = config.learning_rate * min(1.0, (step + 1) / max(1, config.warm_up))
+    if config.schedule == "cosine":
+        rate *= 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(1.0, step / total)))
+    return rate
+
+
+def _noisy(latents: Latents, scale: float, g: torch.Generator) -> Latents:
+    if scale == 0:
+        return latents
+    color = latents.color + scale * torch.randn(latents.color.shape, generator=g)
+    return Latents(color, latents.shared + scale * torch.randn(latents.shared.shape, generator=g))
+
+
+def training_loss(
+    model: Representation,
+    config: EncoderConfig,
+    measured: NeuralBRDFs,
+    g: torch.Generator,
+) -> Tensor:
+    """One random batch: distance of compressed values, plus tone-mapped sphere pixels and latent size."""
+    sources = draw_batch(measured, config.batch, g, plain=0.35 if config.augment else 1.0)
+    asked = model.sample_angles(config.samples)
+    targets = loss_angles(config.targets, g)
+    pixel_angles, weights = sphere_angles(config.pixels, 64, g)
+    angles = torch.cat((asked, targets, pixel_angles))
+    with torch.no_grad():
+        truth = torch.cat([evaluate(angles) for evaluate in sources]).clamp(0, 5000)
+    seen, truth = truth[:, : len(asked)], truth[:, len(asked) :]
+    latents = model.encode(asked, seen)
+    decoded = model.decode(_noisy(latents, config.latent_noise, g), angles[len(asked) :])
+    m = len(targets)
+    if config.representation == "paper":
+        return (log_transform(decoded) - log_transform(truth)).abs().mean()
+    loss = (compress(decoded[:, :m]) - compress(truth[:, :m])).abs().mean()
+    shown = [
+        torch.einsum("npdc,pd->npc", f[:, m:].unflatten(1, weights.shape), weights)
+        for f in (decoded, truth)
+    ]
+    error = tone_map(shown[0] + 1e-4) - tone_map(shown[1] + 1e-4)
+    size = latents.color.square().mean() + latents.shared.square().mean()
+    return loss + 4 * error.abs().mean() + 1e-4 * size
+
+
+def train_encoder(
+    *,
+    config: str,
+    output: Path,
+    resume: bool = False,
+    minutes: float | None = None,
+    seed: int = 0,
+) -> Path:
+    """Train the recipe `config` and write the encoder to `output`; returns that path.
+
+    A checkpoint beside the output is replaced every minute; `resume` goes on from it. The random
+    numbers, the optimiser and the step are all in it, so an interrupted run ends as an
+    uninterrupted one. `minutes` sets the number of iterations, at a speed measured first.
+    """
+    from torch.utils.tensorboard import SummaryWriter
+
+    recipe = CONFIGS[config]
+    torch.manual_seed(seed)
+    g = torch.Generator().manual_seed(seed)
+    measured = load(data_folder(), "merl").without(HELD_OUT)
+    model = build(recipe.representation)
+    optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate, betas=(0.9, 0.99))
+    checkpoint = output.with_suffix(".checkpoint.safetensors")
+    record = {"step": 0, "seconds": 0.0, "iterations": recipe.iterations, "seed": seed}
+    if resume and checkpoint.exists():
+        record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g)
+    elif minutes is not None:
+        record["iterations"] = _iterations_in(minutes, model, recipe, measured)
+    writer = SummaryWriter(output.with_suffix(".tensorboard"))
+    start, saved = time.monotonic() - record["seconds"], time.monotonic()
+    bar = tqdm(range(record["step"], record["iterations"]), initial=record["step"])
+    bar.total = record["iterations"]
+    smooth = None
+    for step in bar:
+        for group in optimizer.param_groups:
+            group["lr"] = learning_rate(recipe, step, record["iterations"])
+        loss = training_loss(model, recipe, measured, g)
+        optimizer.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+        optimizer.step()
+        if step % 100 == 0:
+            value = loss.item()
+            smooth = value if smooth is None else 0.95 * smooth + 0.05 * value
+            bar.set_postfix_str(f"loss {smooth:.4f}", refresh=False)
+            writer.add_scalar("loss", value, step)
+        if time.monotonic() - saved > 60:
+            saved = time.monotonic()
+            record |= {"step": step + 1, "seconds": saved - start}
+            save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
+    record |= {"step": record["iterations"], "seconds": time.monotonic() - start}
+    save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
+    save_model(
+        output,
+        model.state_dict(),
+        {
+            "name": recipe.representation,
+            "title": f"BRDF encoder ({recipe.representation})",
+            "trained": {
+                "command": f"python -m training encoder --config {config} --seed {seed}"
+                + (f" --minutes {minutes:g}" if minutes is not None else ""),
+                "config": asdict(recipe),
+                "iterations": record["iterations"],
+                "minutes": round(record["seconds"] / 60, 1),
+                "seed": seed,
+                "data": "MERL (through Neural-BRDF), Disney, Torrance-Sparrow",
+                "held_out": list(HELD_OUT),
+            },
+        },
+        kind="encoder",
+    )
+    return output
+
+
+def _iterations_in(
+    minutes: float, model: nn.Module, recipe: EncoderConfig, measured: NeuralBRDFs
+) -> int:
+    """How many iterations fit in `minutes` here; the trial runs leave the model as it was."""
+    g = torch.Generator().manual_seed(0)
+    trials = 3 if recipe.representation == "paper" else 30
+    for trial in range(trials + 2):
+        if trial == 2:
+            start = time.monotonic()
+        training_loss(model, recipe, measured, g).backward()
+    model.zero_grad()
+    return max(1, int(minutes * 60 / ((time.monotonic() - start) / trials) * 0.9))

@@ -1,0 +1,97 @@
+"""The metric of the paper's section 4.2 as DESIGN.md pins it: PSNR of a sphere under real light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from model_runtime.brdf.half_angle import from_directions
+
+__all__ = ("MAPS", "Sphere", "psnr", "tone_map")
+
+MAPS = ("potsdamer_platz", "studio_small_03", "forest_slope")
+
+Evaluate = Callable[[Tensor], Tensor]
+
+
+def tone_map(radiance: Tensor) -> Tensor:
+    """(1 - exp(-2 v))^(1 / 2.8), the paper's gamma correction."""
+    return (1 - torch.exp(-2 * radiance.clamp_min(0))).pow(1 / 2.8)
+
+
+def psnr(truth: Tensor, estimate: Tensor) -> Tensor:
+    """PSNR in dB of tone-mapped radiance [..., P, 3] over pixels and channels, capped at 100."""
+    error = (tone_map(truth) - tone_map(estimate)).square().mean((-1, -2))
+    return (-10 * error.clamp_min(1e-10).log10()).clamp_max(100)
+
+
+def _read_environment(path: Path, height: int, width: int) -> np.ndarray:
+    from model_runtime.images import read_image
+
+    pixels = read_image(path, color=True).astype(np.float64)
+    rows, columns = pixels.shape[0] // height, pixels.shape[1] // width
+    return pixels.reshape(height, rows, width, columns, 3).mean((1, 3))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """An orthographic sphere under environment maps: what each pixel must sum.
+
+    `angles` [P, D, 3] are the half-angle coordinates of every pixel and light direction, `weights`
+    [E, P, D, 3] radiance x cosine x solid angle, 0 below the pixel's horizon.
+    """
+
+    angles: Tensor
+    weights: Tensor
+
+    @classmethod
+    def load(cls, hdri: Path, *, pixels: int = 64, height: int = 32, width: int = 64) -> Sphere:
+        """Build from the maps of `hdri`, each scaled to mean radiance 1 over the sphere."""
+        polar = (torch.arange(height, dtype=torch.float64) + 0.5) * math.pi / height
+        turn = (torch.arange(width, dtype=torch.float64) + 0.5) * 2 * math.pi / width
+        up = polar.cos()[:, None].expand(height, width)
+        flat = polar.sin()[:, None]
+        light = torch.stack((flat * turn.sin(), up, -flat * turn.cos()), -1).reshape(-1, 3)
+        solid = (flat.expand(height, width) * (math.pi / height) * (2 * math.pi / width)).reshape(-1)
+        radiance = []
+        for name in MAPS:
+            image = torch.from_numpy(_read_environment(hdri / f"{name}_1k.hdr", height, width))
+            image = image.reshape(-1, 3)
+            mean = (image * solid[:, None]).sum() / (3 * solid.sum())
+            radiance.append(image / mean)
+
+        grid = (torch.arange(pixels, dtype=torch.float64) + 0.5) * 2 / pixels - 1
+        y, x = torch.meshgrid(-grid, grid, indexing="ij")
+        inside = x.square() + y.square() < 1
+        x, y = x[inside], y[inside]
+        normal = torch.stack((x, y, (1 - x.square() - y.square()).clamp_min(0).sqrt()), -1)
+        view = torch.tensor((0.0, 0.0, 1.0), dtype=torch.float64)
+        tangent = torch.nn.functional.normalize(
+            torch.stack((normal[:, 2], torch.zeros_like(x), -normal[:, 0]), -1), dim=-1
+        )
+        frame = torch.stack((tangent, torch.linalg.cross(normal, tangent), normal), 1)
+        wi = torch.einsum("pij,dj->pdi", frame, light)
+        wo = torch.einsum("pij,j->pi", frame, view)[:, None].expand_as(wi)
+        cosine = wi[..., 2].clamp_min(0) * solid
+        weights = torch.stack(radiance)[:, None] * cosine[None, ..., None]
+        return cls(from_directions(wi, wo).float(), weights.float())
+
+    def render(self, evaluate: Evaluate, *, chunk: int = 32) -> Tensor:
+        """Radiance [N, E, P, 3] of N uniform materials: `evaluate`(angles [M, 3]) -> f [N, M, 3]."""
+        parts = []
+        for start in range(0, len(self.angles), chunk):
+            angles = self.angles[start : start + chunk]
+            lit = self.weights[0, start : start + chunk, :, 0] > 0
+            f = evaluate(angles[lit])
+            spread = f.new_zeros(len(f), *lit.shape, 3)
+            spread[:, lit] = f
+            parts.append(
+                torch.einsum("npdc,epdc->nepc", spread, self.weights[:, start : start + chunk])
+            )
+        return torch.cat(parts, 2)
