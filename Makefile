@@ -27,9 +27,10 @@ help:
 	@echo "make clean          remove what was built, environments excepted"
 
 demo: $(READY)
-	@.venv/bin/python .ci/extension.py build --wheels build/wheels --output build
-	@.venv-blender/bin/python tests/blender/demo.py --extension build --output out/demo
-	@.venv/bin/python tests/blender/contact_sheet.py out/demo
+	@extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
+	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
+	    .venv-blender/bin/python tests/blender/demo.py "$$extension" out/demo \
+	&& .venv/bin/python tests/blender/contact_sheet.py out/demo
 
 extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/ready)
 	@.venv/bin/python .ci/extension.py build --wheels "$(WHEELS)" --output build

@@ -20,7 +20,6 @@ import argparse
 import fcntl
 import hashlib
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -82,7 +81,8 @@ def download(*, python: str, folder: Path, torch_index: str) -> bool:
         found = run.returncode == 0
         if found:
             break
-        print(f"pip: {run.stderr.strip().splitlines()[-1]}", file=sys.stderr)
+        reasons = [line for line in run.stderr.splitlines() if line.startswith("ERROR:")]
+        print(*reasons[:1], sep="\n", file=sys.stderr)
     wanted.unlink()
     return found
 
@@ -137,7 +137,7 @@ def stage(folder: Path, wheels: list[Path]) -> None:
         return
     (folder / "wheels").mkdir()
     for wheel in wheels:
-        os.symlink(wheel, folder / "wheels" / wheel.name)
+        (folder / "wheels" / wheel.name).symlink_to(wheel)
     added = {
         "platforms": [platform()[0]],
         "wheels": [f"./wheels/{wheel.name}" for wheel in wheels],
@@ -223,7 +223,8 @@ def main() -> None:
         return
     wheels = None if arguments.wheels == "none" else Path(arguments.wheels).resolve()
     zip_file = build(wheels_folder=wheels, output=arguments.output.resolve())
-    print(f"{zip_file} ({zip_file.stat().st_size / 2**20:.1f} MiB)")
+    print(zip_file)
+    print(f"{zip_file.name}: {zip_file.stat().st_size / 1e6:.1f} MB", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ In a process of its own (bpy from `.venv-blender`, which holds no torch, OpenEXR
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -50,6 +51,7 @@ class RunBlender(Protocol):
 @pytest.fixture
 def empty_scene() -> Iterator[bpy.types.Scene]:
     import bpy
+
     import tvbrdf
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -67,7 +69,7 @@ def extension_zip() -> Path:
     folders = ["--wheels", str(ROOT / "build" / "wheels"), "--output", str(ROOT / "build")]
     run = subprocess.run([*build, *folders], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    return Path(run.stdout.strip().rpartition(" (")[0])
+    return Path(run.stdout.strip())
 
 
 @pytest.fixture(scope="session")
@@ -107,10 +109,11 @@ def run_blender(tmp_path_factory: pytest.TempPathFactory) -> RunBlender:
 @pytest.fixture(scope="session")
 def profile(
     extension_zip: Path, run_blender: RunBlender, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
+) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("profile")
     run_blender(HERE / "install.py", extension_zip, env={"BLENDER_USER_RESOURCES": str(folder)})
-    return folder
+    yield folder
+    shutil.rmtree(folder)  # a gigabyte
 
 
 @pytest.fixture(scope="session")

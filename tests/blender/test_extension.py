@@ -1,0 +1,133 @@
+"""The extension as an artist gets it: a zip, installed into a Blender that has nothing else."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from model_runtime import package
+
+if TYPE_CHECKING:
+    from .conftest import RunBlender
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+OTHER_BLENDERS = os.environ.get("TVBRDF_BLENDERS", "").split()
+
+
+def read_exr(file: Path) -> np.ndarray:
+    import OpenEXR
+
+    with OpenEXR.File(str(file), separate_channels=True) as picture:
+        channels = picture.channels()
+        return np.stack([channels[name].pixels for name in "RGB"], axis=-1)
+
+
+def live_through(python: Path, zip_file: Path, folder: Path, run_blender: RunBlender) -> None:
+    (folder / "profile").mkdir()
+    run = run_blender(
+        HERE / "lifecycle.py",
+        zip_file,
+        folder,
+        python=python,
+        env={"BLENDER_USER_RESOURCES": str(folder / "profile")},
+    )
+    assert "lifecycle complete" in run.stdout
+
+
+@pytest.mark.slow
+def test_installs_ages_renders_reverts_and_uninstalls(
+    extension_zip: Path, run_blender: RunBlender, tmp_path: Path
+) -> None:
+    python = ROOT / ".venv-blender" / "bin" / "python"
+    live_through(python, extension_zip, tmp_path, run_blender)
+
+
+@pytest.mark.blenders
+@pytest.mark.parametrize("version", OTHER_BLENDERS)
+def test_does_the_same_in_other_blenders(
+    version: str, extension_zip: Path, run_blender: RunBlender, tmp_path: Path
+) -> None:
+    python = ROOT / f".venv-blender-{version}" / "bin" / "python"
+    live_through(python, extension_zip, tmp_path, run_blender)
+
+
+def test_zip_holds_what_belongs_and_nothing_else(extension_zip: Path) -> None:
+    with zipfile.ZipFile(extension_zip) as archive:
+        names = archive.namelist()
+    rooms = {name.split("/")[0] for name in names}
+    assert rooms == {
+        *("__init__.py", "blender_manifest.toml", "LICENSE", "LICENSES"),
+        *("model_runtime", "tvbrdf_addon", "wheels"),
+    }
+    wheels = {Path(name).name.split("-")[0].lower() for name in names if name.endswith(".whl")}
+    assert {"torch", "openexr", "safetensors", "pillow"} <= wheels
+    assert "numpy" not in wheels, "Blender brings its own numpy"
+    models = {Path(name).name for name in names if name.startswith("model_runtime/models/")}
+    assert {path.name for path in package.MODELS.glob("*.safetensors")} <= models
+
+
+def test_zip_is_built_once(extension_zip: Path) -> None:
+    built = extension_zip.stat().st_mtime_ns
+    make = [ROOT / ".venv" / "bin" / "python", ROOT / ".ci" / "extension.py", "build"]
+    folders = ["--wheels", ROOT / "build" / "wheels", "--output", ROOT / "build"]
+    subprocess.run([*make, *folders], check=True, capture_output=True)
+    assert extension_zip.stat().st_mtime_ns == built
+
+
+@pytest.mark.slow
+def test_saved_file_renders_the_same_without_the_extension(
+    blender_script: RunBlender, run_blender: RunBlender, tmp_path: Path
+) -> None:
+    blender_script(HERE / "age_and_save.py", tmp_path)
+    picture = tmp_path / "without_extension.exr"
+    run_blender(HERE / "open_and_render.py", tmp_path / "small.blend", picture)
+    np.testing.assert_array_equal(read_exr(picture), read_exr(tmp_path / "with_extension.exr"))
+
+
+@pytest.mark.slow
+def test_saved_file_opens_elsewhere_with_its_folder(
+    blender_script: RunBlender, run_blender: RunBlender, tmp_path: Path
+) -> None:
+    here, elsewhere = tmp_path / "here", tmp_path / "else where é"
+    here.mkdir()
+    blender_script(HERE / "age_and_save.py", here)
+    here.rename(elsewhere)
+    picture = tmp_path / "elsewhere.exr"
+    run_blender(HERE / "open_and_render.py", elsewhere / "small.blend", picture)
+    np.testing.assert_array_equal(read_exr(picture), read_exr(elsewhere / "with_extension.exr"))
+
+
+@pytest.mark.slow
+def test_killed_worker_leaves_everything_as_it_was(
+    blender_script: RunBlender, tmp_path: Path
+) -> None:
+    run = blender_script(HERE / "kill_worker.py", tmp_path)
+    assert "REPORT:" in run.stdout
+
+
+@pytest.mark.slow
+def test_worker_ends_with_blender(blender_script: RunBlender, tmp_path: Path) -> None:
+    blender_script(HERE / "age_and_save.py", tmp_path)
+    deadline = time.monotonic() + 5
+    while (left := _workers_in(tmp_path.parent)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not left
+
+
+def _workers_in(folder: Path) -> list[str]:
+    """Command lines of running workers whose code lies somewhere below `folder`."""
+    commands = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            commands.append(file.read_bytes().decode(errors="replace"))
+        except OSError:  # it ended meanwhile
+            continue
+    return [text for text in commands if "model_runtime" in text and str(folder) in text]
