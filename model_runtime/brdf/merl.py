@@ -56,7 +56,8 @@ def write(path: str | Path, table: np.ndarray) -> None:
         Path(path).write_bytes(content)
     except OSError as error:
         raise OutputError(
-            f"{path} cannot be written: {error.strerror}.", "Choose a folder that can be written to."
+            f"{path} cannot be written: {error.strerror}.",
+            "Choose a folder that can be written to.",
         ) from error
 
 

@@ -1,0 +1,181 @@
+"""Reads what `--input` names: maps of a texture set or of Torrance-Sparrow parameters, or a measured
+BRDF.
+
+Maps of one material may have several resolutions, of one shape: all are brought to the largest. A map
+of 1 x 1 is a constant.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import stat
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from .brdf import merl, rgl
+from .brdf.measured import MeasuredBRDF
+from .errors import InputError, UsageError
+from .images import MAX_SIDE, read_image, resize
+from .maps import Pixels, PrincipledMaps, TorranceSparrowMaps
+from .texture_names import choose_maps
+
+__all__ = ("Material", "hash_input", "read_input")
+
+Material = TorranceSparrowMaps | PrincipledMaps | MeasuredBRDF
+
+_MEASURED = {".binary": merl.read, ".bsdf": rgl.read}
+_TORRANCE_SPARROW = ("kd", "ks", "alpha")
+_COLORS = ("base_color", "specular_tint", "kd", "ks")
+_DEFAULTS = {"metallic": 0.0, "specular": 0.5, "roughness": 0.5, "ior": 1.5, "specular_tint": 1.0}
+_UP_TO_ONE = ("metallic", "roughness", "gloss", "alpha")
+_KINDS = (
+    "Give a folder of texture maps, a folder with kd.exr, ks.exr and alpha.exr, "
+    "a MERL .binary or an RGL .bsdf."
+)
+_ASPECT_TOLERANCE = 0.01
+
+
+def read_input(path: str | Path, *, size: int | None = None) -> Material:
+    """Read the material at `path`; `size` is the wanted length in texels of the longer side.
+
+    A uniform material (every map 1 x 1) stays 1 x 1 whatever `size` is. Metallic, roughness and
+    alpha above 1 count as 1, as in Blender; missing maps have Blender's defaults. Raises InputError
+    with what is wrong and what to do, UsageError for a size out of range.
+    """
+    if size is not None and not 1 <= size <= MAX_SIDE:
+        raise UsageError(f"The size {size} is out of range.", f"Choose 1 to {MAX_SIDE} pixels.")
+    path = Path(path)
+    if _is_folder(path):
+        files = _choose_files(path)
+        maps = _one_size({name: _read_map(name, file) for name, file in files.items()}, files, size)
+        return _torrance_sparrow(maps) if "kd" in maps else _principled(maps)
+    return _MEASURED[path.suffix.lower()](path)
+
+
+def hash_input(path: str | Path) -> dict[str, str]:
+    """SHA-256 of every file that `read_input` reads, by name: what makes a run repeatable."""
+    path = Path(path)
+    files = _choose_files(path).values() if _is_folder(path) else (path,)
+    return {file.name: _sha256(file) for file in sorted(set(files))}
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.", "Check the path.") from error
+
+
+def _is_folder(path: Path) -> bool:
+    """True for a folder, False for a measured file, InputError for everything else."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path} cannot be read: {reason}.", "Check the path.") from error
+    if stat.S_ISDIR(mode):
+        return True
+    if not stat.S_ISREG(mode) or path.suffix.lower() not in _MEASURED:
+        raise InputError(f"{path.name} is not a material that can be read.", _KINDS)
+    return False
+
+
+def _choose_files(folder: Path) -> dict[str, Path]:
+    """The file of each map of a folder."""
+    try:
+        names = sorted(entry.name for entry in folder.iterdir())
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read: {error.strerror}.", _KINDS) from error
+    torrance_sparrow = {
+        Path(name).stem.lower(): name
+        for name in names
+        if name.lower() in [f"{map_name}.exr" for map_name in _TORRANCE_SPARROW]
+    }
+    if "kd" in torrance_sparrow or "ks" in torrance_sparrow:
+        missing = [f"{name}.exr" for name in _TORRANCE_SPARROW if name not in torrance_sparrow]
+        if missing:
+            raise InputError(f"{folder} lacks {' and '.join(missing)}.", _KINDS)
+        chosen = torrance_sparrow
+    else:
+        chosen = choose_maps(folder, names)
+    return {name: _inside(folder, file) for name, file in chosen.items()}
+
+
+def _inside(folder: Path, name: str) -> Path:
+    """The file `name`, which must be a regular file that does not lie elsewhere."""
+    path = folder / name
+    try:
+        resolved = path.resolve(strict=True)
+        regular = stat.S_ISREG(resolved.stat().st_mode)
+    except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle
+        raise InputError(f"{name} is a link that leads nowhere.", "Remove it.") from error
+    if not resolved.is_relative_to(folder.resolve()):
+        raise InputError(f"{name} is a link out of its folder.", "Copy the image into the folder.")
+    if not regular:
+        raise InputError(f"{name} is not a file.", "Remove it.")
+    return path
+
+
+def _read_map(name: str, file: Path) -> Pixels:
+    """One map, checked texel by texel."""
+    pixels = read_image(file, color=name in _COLORS)
+    texels = pixels.reshape(*pixels.shape[:2], -1)
+    for wrong, what in (
+        (~np.isfinite(texels).all(-1), "NaN or infinite"),
+        ((texels < 0).any(-1), "negative"),
+    ):
+        count = int(np.count_nonzero(wrong))
+        if count:
+            y, x = np.argwhere(wrong)[0]
+            raise InputError(
+                f"{file.name} has {count} texels that are {what}, "
+                f"the first in row {y}, column {x}.",
+                "Repair the map, or export it again.",
+            )
+    return pixels.clip(max=1) if name in _UP_TO_ONE else pixels
+
+
+def _one_size(
+    maps: Mapping[str, Pixels], files: Mapping[str, Path], size: int | None
+) -> dict[str, Pixels]:
+    """All maps at the size of the largest, or with `size` texels along the longer side."""
+    largest = max(maps, key=lambda name: maps[name].shape[0] * maps[name].shape[1])
+    height, width = maps[largest].shape[:2]
+    for name, pixels in maps.items():
+        h, w = pixels.shape[:2]
+        if (h, w) != (1, 1) and abs(h * width / (w * height) - 1) > _ASPECT_TOLERANCE:
+            raise InputError(
+                f"{files[name].name} has {w} x {h} pixels and {files[largest].name} "
+                f"{width} x {height}, which is another shape.",
+                "Give all maps of the material one shape.",
+            )
+    if (height, width) != (1, 1) and size is not None:
+        scale = size / max(height, width)
+        height, width = max(1, round(height * scale)), max(1, round(width * scale))
+    return {name: resize(pixels, (height, width)) for name, pixels in maps.items()}
+
+
+def _torrance_sparrow(maps: Mapping[str, Pixels]) -> TorranceSparrowMaps:
+    return TorranceSparrowMaps(maps["kd"], maps["ks"], maps["alpha"])
+
+
+def _principled(maps: Mapping[str, Pixels]) -> PrincipledMaps:
+    base_color = maps["base_color"]
+
+    def of(name: str) -> Pixels:
+        if name in maps:
+            return maps[name]
+        shape = base_color.shape if name in _COLORS else base_color.shape[:2]
+        return np.full(shape, _DEFAULTS[name], np.float32)
+
+    return PrincipledMaps(
+        base_color=base_color,
+        metallic=of("metallic"),
+        specular=of("specular"),
+        roughness=1 - maps["gloss"] if "gloss" in maps else of("roughness"),
+        ior=of("ior"),
+        specular_tint=of("specular_tint"),
+    )
