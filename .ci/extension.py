@@ -60,8 +60,8 @@ def platform() -> tuple[str, tuple[str, ...]]:
     raise SystemExit(f"No wheels are known for {ours}; build with WHEELS=none.")
 
 
-def download(*, python: str, folder: Path, torch_index: str) -> bool:
-    """Fill `folder` with the pinned wheels for one Python version; whether all of them exist."""
+def download(*, python: str, folder: Path, torch_index: str) -> str:
+    """Fill `folder` with the pinned wheels for one Python version; what is wrong, if anything."""
     name, tags = platform()
     pins = PINS.read_text(encoding="utf-8").splitlines()
     if not name.startswith("macos"):  # elsewhere the plain build brings gigabytes of CUDA
@@ -75,16 +75,14 @@ def download(*, python: str, folder: Path, torch_index: str) -> bool:
         *(argument for tag in tags for argument in ("--platform", tag)),
         *("--dest", str(folder), "--requirement", str(wanted)),
     ]
-    found = False
+    error = ""
     for extra in ([], ["--extra-index-url", torch_index]):
         run = subprocess.run([*command, *extra], capture_output=True, text=True, check=False)
-        found = run.returncode == 0
-        if found:
-            break
-        reasons = [line for line in run.stderr.splitlines() if line.startswith("ERROR:")]
-        print(*reasons[:1], sep="\n", file=sys.stderr)
-    wanted.unlink()
-    return found
+        if run.returncode == 0:
+            wanted.unlink()
+            return ""
+        error = run.stderr
+    return error
 
 
 def collect_wheels(*, pythons: list[str], output: Path, torch_index: str) -> None:
@@ -96,13 +94,14 @@ def collect_wheels(*, pythons: list[str], output: Path, torch_index: str) -> Non
             continue
         shutil.rmtree(folder, ignore_errors=True)
         print(f"Collecting wheels for Python {python}", flush=True)
-        if download(python=python, folder=folder, torch_index=torch_index):
+        error = download(python=python, folder=folder, torch_index=torch_index)
+        if not error:
             stamp.write_text(pinned)
             continue
         shutil.rmtree(folder)
         if python == pythons[0]:
-            raise SystemExit(f"The pinned wheels for Python {python} could not be collected.")
-        print(f"Left out: wheels for Python {python}; its Blenders will refuse the zip.")
+            raise SystemExit(f"{error}\nThe pinned wheels for Python {python} are not to be had.")
+        print(f"Not to be had: Blenders with Python {python} will refuse the zip.")
 
 
 def packed_files() -> Iterator[Path]:
