@@ -1,0 +1,114 @@
+"""Onset maps: rust spreads from spots, at a pace that holds for every process, seed and size."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from model_runtime.onset import onset_map
+
+PROCESSES = ("rust", "patina", "char", "frost")  # the last is one it knows nothing of
+FRAMES = {number: (number - 1) / 35 for number in range(9, 28)}  # issue 2: frames 9 to 27 of 36
+TURNED_AFTER = 0.1  # a history turns visibly within a local age of 0.1
+
+
+@pytest.fixture(scope="module", params=PROCESSES)
+def pattern(request):
+    return onset_map(request.param, (256, 256), seed=5)
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("shape", [(128, 128), (192, 320), (512, 512)])
+@pytest.mark.parametrize("seed", [0, 1, 2024])
+def test_a_fifth_is_untouched_and_a_fifth_has_turned_through_the_middle(process, shape, seed):
+    onset = onset_map(process, shape, seed=seed)
+    for number, t in FRAMES.items():
+        assert np.mean(onset >= t) >= 0.2, f"frame {number}"
+        assert np.mean(onset <= t - TURNED_AFTER) >= 0.2, f"frame {number}"
+
+
+def test_frame_one_is_untouched_and_every_texel_starts(pattern):
+    assert pattern.dtype == np.float32
+    assert pattern.min() > 0
+    assert pattern.max() < 1
+
+
+def test_the_border_moves_in_every_frame(pattern):
+    shares = [np.mean(pattern <= t) for t in FRAMES.values()]
+    assert np.diff(shares).min() > 0.01
+
+
+def test_it_spreads_instead_of_appearing_everywhere(pattern):
+    """What turns within a frame lies mostly within 5 texels (2 %) of what had turned before."""
+    near, new = 0, 0
+    for t in FRAMES.values():
+        before, after = pattern <= t, pattern <= t + 1 / 35
+        reached = ndimage.binary_dilation(np.pad(before, 8, mode="wrap"), iterations=5)
+        near += np.sum(reached[8:-8, 8:-8] & after & ~before)
+        new += np.sum(after & ~before)
+    assert near / new > 0.85
+
+
+def test_each_process_has_its_own_way_to_spread():
+    spots, fronts = (
+        ndimage.label(onset_map(process, (256, 256), seed=1) < 0.1)[1]
+        for process in ("rust", "char")
+    )
+    assert spots > 40  # rust nucleates in many places,
+    assert fronts < spots / 2  # fire starts in few
+
+    streaks = onset_map("patina", (256, 256), seed=1)
+    along, across = (np.abs(np.diff(streaks, axis=axis)).mean() for axis in (0, 1))
+    assert along < across / 2  # patina runs down
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+def test_a_small_map_is_the_large_one_from_further_away(process):
+    large = onset_map(process, (512, 512), seed=3)
+    small = onset_map(process, (256, 256), seed=3)
+    averaged = large.reshape(256, 2, 256, 2).mean((1, 3))
+    assert np.corrcoef(small.ravel(), averaged.ravel())[0, 1] > 0.99
+    assert np.abs(small - averaged).mean() < 0.02
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_tile_wraps_without_a_seam(process, axis):
+    def step_at_edge(onset):
+        edge = np.abs(np.take(onset, 0, axis) - np.take(onset, -1, axis)).mean()
+        return edge / np.abs(np.diff(onset, axis=axis)).mean()
+
+    assert step_at_edge(onset_map(process, (256, 192), seed=2)) < 2
+    open_map = onset_map(process, (256, 192), seed=2, tileable=False)
+    assert step_at_edge(open_map) > 4
+
+
+def test_the_seed_decides():
+    first, again, other = (onset_map("rust", (64, 64), seed=s) for s in (7, 7, 8))
+    assert np.array_equal(first, again)
+    assert not np.allclose(first, other)
+    assert not np.allclose(first, onset_map("char", (64, 64), seed=7))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (3, 7), (4, 512)])
+def test_any_shape_works(shape):
+    onset = onset_map("rust", shape, seed=0)
+    assert onset.shape == shape
+    assert np.isfinite(onset).all()
+    assert onset.min() >= 0
+    assert onset.max() <= 1
+
+
+def test_a_single_texel_starts_at_once():
+    """Uniform materials have no pattern to speak of."""
+    assert onset_map("rust", (1, 1), seed=4) == 0
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+def test_a_megatexel_takes_less_than_a_second_of_one_core(process):
+    started = time.process_time()
+    onset_map(process, (1024, 1024), seed=1)
+    assert time.process_time() - started < 1.0

@@ -1,0 +1,162 @@
+"""Reading sequences: stored frames, polynomial coefficients, measured mixtures, and what is refused."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from model_runtime.errors import InputError
+from model_runtime.images import write_exr
+from training.data.location import data_folder as find_data
+from training.data.sequences import MixtureSequence, Sequence, read_sequence
+
+CENTRE = (slice(80, 380), slice(80, 380))  # the crop of data/README.md
+
+
+def write_frames(folder, *, frames=3, size=(4, 6), alpha_size=None):
+    rng = np.random.default_rng(1)
+    for k in range(1, frames + 1):
+        write_exr(folder / f"kd_{k:04d}.exr", rng.random((*size, 3), np.float32))
+        write_exr(folder / f"ks_{k:04d}.exr", rng.random((*size, 3), np.float32))
+        write_exr(folder / f"alpha_{k:04d}.exr", np.full(alpha_size or size, k / 8, np.float32))
+
+
+def test_stored_frames(tmp_path):
+    write_frames(tmp_path)
+    sequence = read_sequence(tmp_path)
+    assert isinstance(sequence, Sequence)
+    assert sequence.kd.shape == sequence.ks.shape == (3, 4, 6, 3)
+    assert sequence.alpha[:, 0, 0].tolist() == [0.125, 0.25, 0.375]
+    assert sequence.times.tolist() == [0, 0.5, 1]
+    assert sequence.onset is None
+    assert sequence.name == tmp_path.name
+
+
+def test_onset_and_times_where_they_are_given(tmp_path):
+    write_frames(tmp_path)
+    write_exr(tmp_path / "onset.exr", np.full((4, 6), 0.25, np.float32))
+    (tmp_path / "sequence.json").write_text('{"times": [0, 0.75, 1]}')
+    sequence = read_sequence(tmp_path)
+    assert sequence.onset is not None
+    assert (sequence.onset == 0.25).all()
+    assert sequence.times.tolist() == [0, 0.75, 1]
+
+
+def test_a_crop_keeps_rows_and_columns(tmp_path):
+    write_frames(tmp_path)
+    whole = read_sequence(tmp_path)
+    part = read_sequence(tmp_path, crop=(slice(1, 3), slice(0, 5)))
+    np.testing.assert_array_equal(part.kd, whole.kd[:, 1:3, 0:5])
+    with pytest.raises(InputError, match="Nothing of"):
+        read_sequence(tmp_path, crop=(slice(4, 8), slice(0, 5)))
+
+
+def test_polynomials_by_hand(tmp_path):
+    """p(1/2) of 0.5, 0.25, -1, 2 is 0.5 + 0.125 - 0.25 + 0.25 = 0.625, p(1) = 1.75."""
+    for name in ("Diffuse", "Specular", "Roughness"):
+        for k, coefficient in enumerate((0.5, 0.25, -1.0, 2.0)):
+            write_exr(tmp_path / f"{name}-{k}.exr", np.full((2, 2, 3), coefficient, np.float32))
+    sequence = read_sequence(tmp_path, frames=3, clamp=False)
+    for values in (sequence.kd, sequence.ks):
+        np.testing.assert_allclose(values[:, 1, 0, 2], (0.5, 0.625, 1.75))
+    np.testing.assert_allclose(sequence.alpha[:, 1, 0], (0.5, 0.625, 1.75))
+    assert read_sequence(tmp_path, frames=3).alpha.max() == 1
+
+
+def test_rusting_iron_has_the_published_statistics(data_folder):
+    """The numbers of data/README.md for the centre of tvBTF45, at t = 0, .5 and 1."""
+    folder = data_folder / "tvbtf" / "tvBTF45"
+    raw = read_sequence(folder, frames=3, crop=CENTRE, clamp=False)
+    kd = ((0.066, 0.075, 0.072), (0.090, 0.056, 0.041), (0.066, 0.052, 0.043))
+    np.testing.assert_allclose(raw.kd.mean((1, 2)), kd, atol=6e-4)
+    np.testing.assert_allclose(raw.ks.mean((1, 2, 3)), (0.216, 0.011, -0.002), atol=6e-4)
+    np.testing.assert_allclose(np.median(raw.alpha, (1, 2)), (0.061, 0.188, 0.250), atol=6e-4)
+    np.testing.assert_allclose((raw.ks < 0).any(-1).mean((1, 2))[1:], (0.06, 0.54), atol=6e-3)
+    np.testing.assert_array_equal(raw.out_of_range()[1:] >= (raw.ks[1:] < 0).any(-1), True)
+
+    clamped = read_sequence(folder, frames=3, crop=CENTRE)
+    assert clamped.ks.min() == 0
+    assert not clamped.out_of_range().any()
+
+
+def test_a_measured_mixture(tmp_path):
+    (tmp_path / "mixture.json").write_text(json.dumps({"materials": ["steel", "alum-bronze"]}))
+    for k in range(1, 6):
+        write_exr(tmp_path / f"w_{k:04d}.exr", np.full((3, 2), (k - 1) / 4, np.float32))
+    sequence = read_sequence(tmp_path)
+    assert isinstance(sequence, MixtureSequence)
+    assert sequence.materials == ("steel", "alum-bronze")
+    np.testing.assert_allclose(sequence.weights[:, 2, 1], (0, 0.25, 0.5, 0.75, 1))
+    np.testing.assert_allclose(sequence.times, (0, 0.25, 0.5, 0.75, 1))
+
+    write_exr(tmp_path / "w_0003.exr", np.full((3, 2), 1.5, np.float32))
+    with pytest.raises(InputError, match="leave 0 to 1"):
+        read_sequence(tmp_path)
+    (tmp_path / "mixture.json").write_text('{"materials": ["steel"]}')
+    with pytest.raises(InputError, match="does not name two"):
+        read_sequence(tmp_path)
+
+
+def test_a_gap_is_named(tmp_path):
+    write_frames(tmp_path, frames=4)
+    (tmp_path / "ks_0003.exr").unlink()
+    with pytest.raises(InputError, match=r"lacks ks_0003\.exr"):
+        read_sequence(tmp_path)
+
+
+def test_a_map_that_ends_early_is_named(tmp_path):
+    write_frames(tmp_path, frames=4)
+    (tmp_path / "alpha_0004.exr").unlink()
+    with pytest.raises(InputError, match="4 kd, 4 ks, 3 alpha"):
+        read_sequence(tmp_path)
+
+
+def test_a_missing_coefficient_is_named(tmp_path):
+    for k in range(4):
+        write_exr(tmp_path / f"Diffuse-{k}.exr", np.zeros((2, 2, 3), np.float32))
+    with pytest.raises(InputError, match=r"lacks Specular-0\.exr"):
+        read_sequence(tmp_path)
+
+
+def test_maps_of_different_sizes_are_refused(tmp_path):
+    write_frames(tmp_path, alpha_size=(2, 3))
+    with pytest.raises(InputError, match="kd 6 x 4, ks 6 x 4, alpha 3 x 2"):
+        read_sequence(tmp_path)
+
+
+def test_frames_of_different_sizes_are_refused(tmp_path):
+    write_frames(tmp_path)
+    write_exr(tmp_path / "kd_0002.exr", np.zeros((5, 5, 3), np.float32))
+    with pytest.raises(InputError, match=r"kd_0002\.exr differs in size"):
+        read_sequence(tmp_path)
+
+
+def test_a_single_frame_is_refused(tmp_path):
+    write_frames(tmp_path, frames=1)
+    with pytest.raises(InputError, match="only one frame"):
+        read_sequence(tmp_path)
+
+
+def test_times_that_do_not_fit_are_refused(tmp_path):
+    write_frames(tmp_path)
+    for text in ('{"times": [0, 1]}', '{"times": [0, 0.5, 0.5]}', "[]", "not json"):
+        (tmp_path / "sequence.json").write_text(text)
+        with pytest.raises(InputError, match="does not give a rising time"):
+            read_sequence(tmp_path)
+
+
+def test_nothing_to_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match="holds no sequence"):
+        read_sequence(tmp_path)
+    with pytest.raises(InputError, match="There is no folder"):
+        read_sequence(tmp_path / "absent")
+
+
+def test_the_data_folder_names_its_setting(tmp_path, monkeypatch):
+    monkeypatch.setenv("TVBRDF_DATA", str(tmp_path))
+    assert find_data() == tmp_path
+    monkeypatch.setenv("TVBRDF_DATA", str(tmp_path / "absent"))
+    with pytest.raises(InputError, match="Set TVBRDF_DATA"):
+        find_data()

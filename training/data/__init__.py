@@ -1,0 +1,1 @@
+"""What the models learn from and are judged on: measured, analytic and time-varying sources."""
