@@ -1,4 +1,4 @@
-"""Kills the worker with signal 9 while it computes, then ages again.
+"""Kills the worker with signal 9 while it writes its result, then ages again.
 
 python run_with_extension.py kill_worker.py FOLDER
 """
@@ -17,6 +17,7 @@ import small_scene
 
 folder = Path(sys.argv[1])
 material = small_scene.build(folder)
+material.tvbrdf.size, material.tvbrdf.steps = 512, 36
 killed: list[int] = []
 
 
@@ -24,17 +25,16 @@ def nodes() -> set[str]:
     return {node.name for node in material.node_tree.nodes}
 
 
-def kill_when_computing() -> None:
-    while not killed:
-        for pid in small_scene.workers():
-            if small_scene.mapped_torch(pid):
-                os.kill(pid, signal.SIGKILL)
-                killed.append(pid)
-        time.sleep(0.01)
+def kill_when_writing() -> None:
+    while not any(folder.rglob("*.exr*")):
+        time.sleep(0.005)
+    for pid in small_scene.workers():
+        os.kill(pid, signal.SIGKILL)
+        killed.append(pid)
 
 
 before = nodes()
-threading.Thread(target=kill_when_computing, daemon=True).start()
+threading.Thread(target=kill_when_writing, daemon=True).start()
 try:
     outcome = bpy.ops.tvbrdf.age_material()
 except RuntimeError as error:  # how an operator's error report reaches a script
@@ -43,9 +43,9 @@ except RuntimeError as error:  # how an operator's error report reaches a script
 assert killed, "there was no worker to kill"
 assert outcome == {"CANCELLED"}
 assert nodes() == before
-assert not list(folder.rglob("*.exr")), "a killed run has left textures"
+assert not list(folder.rglob("*.exr*")), "a killed run has left textures"
 assert not material.tvbrdf.original
 
-time.sleep(0.2)
+material.tvbrdf.size, material.tvbrdf.steps = 64, small_scene.STEPS
 assert bpy.ops.tvbrdf.age_material() == {"FINISHED"}
 assert nodes() > before
