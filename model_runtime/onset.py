@@ -84,7 +84,7 @@ def onset_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool
     also enters from an edge. The same arguments give the same map.
     """
     height, width = shape
-    assert height > 0 and width > 0, shape
+    assert min(shape) > 0, shape
     growth = _PROCESSES.get(process, _SPOTS)
     source = _Source(seed, zlib.crc32(process.encode()), height / max(shape), width / max(shape))
     arrival = _spline(_arrival(growth, source, process, tileable), shape, tileable)

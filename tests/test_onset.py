@@ -43,12 +43,12 @@ def test_the_border_moves_in_every_frame(pattern):
 
 def test_it_spreads_instead_of_appearing_everywhere(pattern):
     """What turns within a frame lies mostly within 5 texels (2 %) of what had turned before."""
-    near, new = 0, 0
+    near, new = 0.0, 0.0
     for t in FRAMES.values():
         before, after = pattern <= t, pattern <= t + 1 / 35
         reached = ndimage.binary_dilation(np.pad(before, 8, mode="wrap"), iterations=5)
-        near += np.sum(reached[8:-8, 8:-8] & after & ~before)
-        new += np.sum(after & ~before)
+        near += float(np.sum(reached[8:-8, 8:-8] & after & ~before))
+        new += float(np.sum(after & ~before))
     assert near / new > 0.85
 
 
@@ -71,7 +71,7 @@ def test_a_small_map_is_the_large_one_from_further_away(process):
     small = onset_map(process, (256, 256), seed=3)
     averaged = large.reshape(256, 2, 256, 2).mean((1, 3))
     assert np.corrcoef(small.ravel(), averaged.ravel())[0, 1] > 0.99
-    assert np.abs(small - averaged).mean() < 0.02
+    assert np.abs(small - averaged).mean() < 0.035  # about a frame of 36
 
 
 @pytest.mark.parametrize("process", PROCESSES)

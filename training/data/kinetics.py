@@ -3,7 +3,8 @@
 A history is a deterministic, smooth function of the initial values and of the local age a, 0 to 1;
 at a = 0 it is the initial value itself. Nothing else enters, no position and no hidden random
 number, so that a model of z(0) has everything it needs to learn it. Each turns visibly within
-a = 0.06 to 0.1 (two to three frames of 36) and goes on slowly to a = 1.
+a = 0.06 to 0.1 (two to three frames of 36) and goes on slowly to a = 1. How ends depend on
+beginnings (tone, metal or coating, roughness) is ours, chosen for looks; the stages are not.
 
 The progress of a transformation is Avrami's 1 - exp(-(a / tau)^k); an early state gives way to a
 later one as covered area does, linearly in Kd and Ks.
@@ -11,16 +12,17 @@ later one as covered area does, linearly in Kd and Ks.
 Rust. Wet iron first grows lepidocrocite (orange) under which goethite (ochre to brown) and, at the
 metal, magnetite (black) collect (Cornell and Schwertmann, The Iron Oxides, 2003; de la Fuente et
 al., Corrosion Science 53, 2011). Its thickness follows C = A t^n with n near 0.5 for carbon steel
-(Morcillo et al., Corrosion Science 77, 2013). Zinc first shows pale "white rust" (Graedel, J.
-Electrochem. Soc. 136, 1989). Paint chalks and lets stains through before rust breaks out (ISO 4628).
+(Morcillo et al., Corrosion Science 77, 2013). Zinc first shows pale "white rust" (Graedel, Journal
+of the Electrochemical Society 136, 1989). Paint chalks before rust breaks out (ISO 4628).
 
 Patina. Copper tarnishes to red-brown cuprite and darkens within months; green brochantite, or
 antlerite where it is acid, covers it over years (Graedel, Nassau, Franey, Corrosion Science 27,
 1987; FitzGerald et al., Corrosion Science 40, 1998). Brass and bronze stay browner and more olive.
 
-Char. Wood turns yellow-brown from about 200 C, dark brown by 300 C and black by 400 C, and the char
-oxidises to pale ash (Hill, Wood Modification, 2006; Browne, Theories of the Combustion of Wood, USDA
-FPL 2136, 1958). Its surface cracks: the gloss goes and roughness grows.
+Char. Wood turns yellow-brown from about 200 C, dark brown by 300 C and black by 400 C, and the
+char oxidises to pale ash (Hill, Wood Modification, 2006; Browne, Theories of the Combustion of Wood
+and Its Control, USDA Forest Products Laboratory 2136, 1958). Its surface cracks: the gloss goes and
+roughness grows.
 
 Colours were matched by eye to photographs of such surfaces; they are linear Rec.709.
 """
@@ -53,7 +55,9 @@ class _State:
         )
 
 
-def history(process: str, kd: Array, ks: Array, alpha: Array, age: Array) -> tuple[Array, ...]:
+def history(
+    process: str, kd: Array, ks: Array, alpha: Array, age: Array
+) -> tuple[Array, Array, Array]:
     """Values (Kd [..., 3], Ks [..., 3], alpha [...]) at a local age of texels that began as given.
 
     `kd`, `ks` [..., 3], `alpha` and `age` [...] broadcast; `age` is 0 to 1. `process` is one of
@@ -112,16 +116,16 @@ def _patina(initial: _State, age: Array) -> _State:
 
 def _char(initial: _State, age: Array) -> _State:
     tone = _tone(initial)
-    toasted = initial.kd * np.float32((0.62, 0.42, 0.26)) + np.float32((0.02, 0.008, 0.003))
+    toasted = initial.kd * _rgb(0.62, 0.42, 0.26) + _rgb(0.02, 0.008, 0.003)
     state = initial.towards(
         toasted, 0.75 * initial.ks, 0.1 + 0.9 * initial.alpha, _avrami(age, 0.03, 1.6)
     )
 
-    black = _mix(0.009, 0.022, tone) * np.float32((1.08, 1.0, 0.94))
+    black = _mix(0.009, 0.022, tone) * _rgb(1.08, 1.0, 0.94)
     state = state.towards(black, 0.03, 0.32 + 0.2 * initial.alpha, _avrami(age, 0.075, 2.2))
 
     # Ash: light woods burn to a paler and thicker one.
-    ash = _mix(0.06, 0.22, tone) * np.float32((1.04, 1.0, 0.95))
+    ash = _mix(0.06, 0.22, tone) * _rgb(1.04, 1.0, 0.95)
     cover = _mix(0.25, 0.65, tone) * _avrami(age, 0.7, 3.0)
     return state.towards(ash, 0.02, 0.75 + 0.15 * initial.alpha, cover)
 
@@ -136,12 +140,16 @@ PROCESSES: dict[str, Callable[[_State, Array], _State]] = {
 
 def _avrami(age: Array, tau: ArrayLike, k: float) -> Array:
     """Transformed share 1 - exp(-(a / tau)^k) (Avrami 1939)."""
-    return 1 - np.exp(-((age / np.float32(tau)) ** np.float32(k)))
+    return 1 - np.exp(-((age / np.asarray(tau, np.float32)) ** np.float32(k)))
 
 
-def _mix(a: ArrayLike, b: ArrayLike, share: ArrayLike) -> Array:
-    a, b, share = (np.asarray(v, np.float32) for v in (a, b, share))
-    return a + (b - a) * share
+def _mix(first: ArrayLike, second: ArrayLike, share: ArrayLike) -> Array:
+    a, b, s = (np.asarray(v, np.float32) for v in (first, second, share))
+    return a + (b - a) * s
+
+
+def _rgb(*values: float) -> Array:
+    return np.array(values, np.float32)
 
 
 def _smoothstep(x: Array, low: float, high: float) -> Array:

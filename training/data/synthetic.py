@@ -84,7 +84,7 @@ def s2(initial: TorranceSparrowMaps, a: float, *, frames: int = 36) -> Sequence:
     sigma(t) = 0.25 a sigma(0) t^2 + 0.5 (1 + a) sigma(0) t + sigma(0)
     """
     t = uniform_times(frames)[:, None, None]
-    towards = np.float32((0.9, 0.4, 0.15)) - np.float32(0.9) * initial.kd
+    towards = np.array((0.9, 0.4, 0.15), np.float32) - np.float32(0.9) * initial.kd
     kd = a * towards * t[..., None] + initial.kd
     ks = -0.3 * a * t[..., None] + initial.ks
     alpha = 0.25 * a * initial.alpha * t**2 + 0.5 * (1 + a) * initial.alpha * t + initial.alpha

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from model_runtime.errors import InputError, OutputError
 from model_runtime.images import write_exr
@@ -140,7 +140,7 @@ def _patches(size: int, rng: Rng) -> tuple[NDArray[np.int64], NDArray[np.int64],
     return patch, neighbour, (near[1] - near[0]).astype(np.float32)
 
 
-def _material(kd: Array, ks: Array, alpha: float) -> Array:
+def _material(kd: Array, ks: ArrayLike, alpha: float) -> Array:
     return np.concatenate([kd, np.broadcast_to(ks, 3), [alpha]])
 
 
