@@ -6,8 +6,8 @@ request's `id` and a `type`: `progress` (`stage`, `fraction`), `warning` (`messa
 `version`).
 
 The main thread ages, one request at a time.  A second thread reads stdin and answers everything
-else at once, so that a run can be cancelled.  The process ends when asked to, when it has been idle,
-and when stdin closes, which it does however Blender ended.
+else at once, so that a run can be cancelled.  The process ends when it is asked to, after a time
+without a run, and when stdin closes, which it does however Blender ended.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import Any, TextIO
 
 from . import __version__
 from .errors import Cancelled, TvbrdfError
+from .request import MissingLibraryError, cards, load_age, request_from
 
 __all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "serve")
 
@@ -114,8 +115,6 @@ class Server:
                 self._run.cancel()
 
     def _answer_info(self, request_id: Any, args: Mapping[str, Any]) -> None:
-        from .cli import cards
-
         try:
             self._reply({"id": request_id, "type": "done", "result": cards(args.get("ntm"))})
         except TvbrdfError as error:
@@ -174,8 +173,6 @@ class _Run:
         self._cancelled = threading.Event()
 
     def age(self) -> dict[str, Any]:
-        from .cli import load_age, request_from
-
         age = load_age()
         if self.cancelled():
             raise Cancelled
@@ -217,8 +214,6 @@ def serve(*, idle_seconds: float) -> None:
 
 def _warm_up() -> None:
     """Import torch before the first run; what stands in the way is told when there is one."""
-    from .cli import MissingLibraryError, load_age
-
     try:
         load_age()
     except MissingLibraryError as error:

@@ -1,0 +1,28 @@
+"""Everything that Blender is told of."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import cli, operators, panels, preferences, properties, session
+
+__all__ = ("CLASSES", "register", "unregister")
+
+CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *panels.CLASSES)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    properties.register()
+    session.register()
+    cli.register()
+
+
+def unregister() -> None:
+    # The worker first: it must be gone before Blender replaces the extension's files.
+    session.unregister()
+    cli.unregister()
+    properties.unregister()
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,197 @@
+"""`blender -b scene.blend --command age_material --material NAME --ntm NAME --frames A-B ...`.
+
+Exit codes: 0 everything asked for was written, 1 something was not (each with its reason), 2 wrong
+usage.  Where any material cannot be aged, the others still are, and `--save-as` writes nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+
+from ..model_runtime import package
+from ..model_runtime.errors import TvbrdfError
+from . import preferences, properties, session
+from .errors import SettingsError
+from .operators import find_material
+
+__all__ = ("main", "register", "unregister")
+
+NAME = "age_material"
+
+_command: object | None = None
+
+
+def main(argv: Sequence[str]) -> int:
+    """Age the materials that `argv` names, in the file that is open; the exit code."""
+    try:
+        arguments = _parser().parse_args(argv)
+    except SystemExit as end:
+        return int(end.code or 0)
+    try:
+        _require_place(arguments.save_as)
+        materials = [find_material(name) for name in dict.fromkeys(arguments.material)]
+        for material in materials:
+            _apply(arguments, material)
+    except TvbrdfError as error:
+        return _failed(str(error))
+    failures = [material.name for material in materials if not _age(material)]
+    if failures:
+        unsaved = f" {arguments.save_as} was not written." if arguments.save_as else ""
+        return _failed(f"Not aged: {', '.join(failures)}.{unsaved}")
+    return _save(arguments.save_as)
+
+
+def _age(material: bpy.types.Material) -> bool:
+    name = material.name
+    try:
+        run = session.age_and_wait(material, bpy.context.scene)
+    except TvbrdfError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return False
+    except Exception:
+        # One material's trouble must not keep the others from being aged.
+        traceback.print_exc()
+        return False
+    print(f"{name}: {run.aged['frames']} frames in {run.plan.folder}", flush=True)
+    return True
+
+
+def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
+    """Keep what was asked for in the material's settings, as the panel does."""
+    settings = material.tvbrdf
+    if material.library is not None:
+        raise SettingsError(
+            f"{material.name} is linked from another file.", "Make it local there first."
+        )
+    if arguments.ntm.endswith(".safetensors"):
+        settings.ntm, settings.ntm_file = properties.OWN_FILE, str(Path(arguments.ntm).absolute())
+    else:
+        package.find_model(arguments.ntm, preferences.model_folders())
+        settings.ntm = arguments.ntm
+    settings.frame_start, settings.frame_end = arguments.frames
+    if arguments.onset in ("auto", "none"):
+        settings.onset = arguments.onset
+    elif arguments.onset is not None:
+        settings.onset, settings.onset_image = "image", str(Path(arguments.onset).absolute())
+    if arguments.output is not None:
+        settings.output = _file_path(arguments.output)
+    for name in (
+        "steps", "size", "quality", "tolerance", "temporal_model", "seed", "format", "specular"
+    ):  # fmt: skip
+        if (value := getattr(arguments, name)) is not None:
+            setattr(settings, name, value)
+
+
+def _file_path(path: str) -> str:
+    # `//` means beside the .blend; anything else is the shell's.
+    return path if path.startswith("//") else str(Path(path).absolute())
+
+
+def _require_place(save_as: str | None) -> None:
+    """Raise SettingsError where `--save-as` is bound to fail, before an hour is spent on it."""
+    if save_as is None:
+        return
+    folder = Path(bpy.path.abspath(_file_path(save_as))).parent
+    if save_as.startswith("//") and not bpy.data.filepath:
+        raise SettingsError("No file is open, so // leads nowhere.", "Give --save-as a whole path.")
+    if not folder.is_dir():
+        raise SettingsError(f"There is no folder {folder} to save in.", "Make it first.")
+
+
+def _save(save_as: str | None) -> int:
+    if save_as is None:
+        return 0
+    path = bpy.path.abspath(_file_path(save_as))
+    try:
+        # Remapped, so that the textures are found from wherever it is saved.
+        bpy.ops.wm.save_as_mainfile(filepath=path, relative_remap=True, check_existing=False)
+    except RuntimeError as error:
+        return _failed(f"{path} cannot be written: {error}".strip())
+    print(f"Saved {path}", flush=True)
+    return 0
+
+
+def _failed(sentence: str) -> int:
+    print(f"{NAME}: {sentence}", file=sys.stderr)
+    return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"blender -b FILE.blend --command {NAME}",
+        description="Age materials of the open file over the timeline.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--material", action="append", required=True, metavar="NAME", help="can be repeated"
+    )
+    parser.add_argument("--ntm", required=True, metavar="NAME_OR_FILE", help="rust, patina, ...")
+    parser.add_argument(
+        "--frames", type=_frames, required=True, metavar="A-B", help="the scene's range to age over"
+    )
+    parser.add_argument("--steps", type=_whole(1), metavar="N", help="frames to model (36)")
+    parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
+    parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
+    parser.add_argument("--size", type=_whole(16, 8192), metavar="PX", help="baked size (1024)")
+    parser.add_argument("--tolerance", type=_decibels, metavar="DB", help="10 to 100 dB (45)")
+    parser.add_argument("--onset", metavar="auto|none|IMAGE", help="where ageing starts (auto)")
+    parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the onset (0)")
+    for option, items in (
+        ("--quality", properties.QUALITIES),
+        ("--temporal-model", properties.TEMPORAL_MODELS),
+        ("--format", properties.FORMATS),
+        ("--specular", properties.SPECULARS),
+    ):
+        parser.add_argument(option, choices=[item[0] for item in items])
+    return parser
+
+
+def _frames(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(-?\d+)-(-?\d+)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text} is not a range such as 1-250")
+    start, end = int(match[1]), int(match[2])
+    if end <= start:
+        raise argparse.ArgumentTypeError(f"{text} is empty: the last frame comes after the first")
+    return start, end
+
+
+def _whole(least: int, most: int | None = None):
+    def whole(text: str) -> int:
+        value = int(text) if re.fullmatch(r"-?\d+", text) else None
+        if value is None or value < least or (most is not None and value > most):
+            upper = "" if most is None else f" and at most {most}"
+            raise argparse.ArgumentTypeError(
+                f"{text} is not a whole number of at least {least}{upper}"
+            )
+        return value
+
+    return whole
+
+
+def _decibels(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 10.0 <= value <= 100.0:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of dB from 10 to 100")
+    return value
+
+
+def register() -> None:
+    global _command
+    _command = bpy.utils.register_cli_command(NAME, main)
+
+
+def unregister() -> None:
+    global _command
+    bpy.utils.unregister_cli_command(_command)
+    _command = None

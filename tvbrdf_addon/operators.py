@@ -1,0 +1,254 @@
+"""Age, cancel, revert, freeze."""
+
+from __future__ import annotations
+
+import difflib
+from typing import ClassVar, NamedTuple
+
+import bpy
+
+from ..model_runtime.errors import TvbrdfError
+from . import session
+from .errors import SettingsError
+from .material.freeze import freeze
+from .material.revert import is_aged, revert
+from .run import Run, why_not
+
+__all__ = ("CLASSES", "find_material", "material_of")
+
+# Seconds between two looks at the worker: often enough for a smooth bar.
+TICK = 0.1
+
+
+def material_of(context: bpy.types.Context) -> bpy.types.Material | None:
+    """The material that the editor under the mouse shows, else the active object's."""
+    space = context.space_data
+    if space is not None and space.type == "NODE_EDITOR":
+        # A pinned editor shows another material than the object's.
+        return space.id if isinstance(space.id, bpy.types.Material) else None
+    if getattr(context, "material", None) is not None:
+        return context.material
+    return context.object.active_material if context.object is not None else None
+
+
+def find_material(name: str) -> bpy.types.Material:
+    """The material of this file called `name`.
+
+    Raises:
+        SettingsError: there is none; names the closest.
+    """
+    names = [material.name for material in bpy.data.materials if material.library is None]
+    if name in names:
+        return bpy.data.materials[name]
+    if name in bpy.data.materials:
+        return bpy.data.materials[name]
+    folded = {other.casefold(): other for other in names}
+    close = difflib.get_close_matches(name.casefold(), folded, n=3, cutoff=0.5)
+    if close:
+        hint = f"Did you mean {' or '.join(folded[match] for match in close)}?"
+    elif names:
+        hint = f"There are {', '.join(sorted(names)[:10])}."
+    else:
+        hint = "The file has no materials."
+    raise SettingsError(f"There is no material called {name}.", hint)
+
+
+class _Target(NamedTuple):
+    material: bpy.types.Material
+    scene: bpy.types.Scene
+
+
+class _OnMaterial:
+    """An operator on the material named by `material`, or else shown where it is called."""
+
+    material: bpy.props.StringProperty(
+        name="Material",
+        description="Name of the material; empty for the one that is shown",
+        options={"SKIP_SAVE"},
+    )
+
+    def target(self, context: bpy.types.Context) -> _Target:
+        if self.material:
+            return _Target(find_material(self.material), context.scene)
+        if (material := material_of(context)) is None:
+            raise SettingsError("There is no material here.", "Give the object one first.")
+        return _Target(material, context.scene)
+
+    def refuse(self, error: TvbrdfError) -> set[str]:
+        self.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+
+
+def _shown(context: bpy.types.Context) -> bool:
+    """Whether the call comes from an editor that shows a material, so that it must be that one.
+
+    A script names its material instead, which `poll` cannot see.
+    """
+    return context.area is not None and context.area.type in {"NODE_EDITOR", "PROPERTIES"}
+
+
+class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
+    """Age the material over the frame range. It stays yours: Revert brings the original back"""
+
+    bl_idname = "tvbrdf.age_material"
+    bl_label = "Age Material"
+    # All edits are made in the last step, so that one undo takes them back.
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+
+    _run: Run
+    _timer: bpy.types.Timer
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if (run := session.current()) is not None:
+            cls.poll_message_set(f"{run.plan.material_name} is being aged")
+            return False
+        if not _shown(context):
+            return True
+        material = material_of(context)
+        reason = "There is no material" if material is None else why_not(material, context.scene)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            run = session.age_and_wait(*self.target(context))
+        except TvbrdfError as error:
+            return self.refuse(error)
+        for warning in run.warnings:
+            self.report({"WARNING"}, warning)
+        return {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        # Timers do not run without a window.
+        if bpy.app.background or context.window is None:
+            return self.execute(context)
+        try:
+            self._run = session.begin(*self.target(context))
+        except TvbrdfError as error:
+            return self.refuse(error)
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(TICK, window=context.window)
+        manager.modal_handler_add(self)
+        _redraw(context)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type == "ESC" and event.value == "PRESS":
+            self._run.cancel()
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        _redraw(context)
+        try:
+            if self._run.step():
+                return {"PASS_THROUGH"}
+        except TvbrdfError as error:
+            cancelled = error.code == "cancelled"
+            icon = "INFO" if cancelled else "ERROR"
+            self._end(context, icon=icon, sentences=(str(error),))
+            self.report({icon}, str(error))
+            return {"CANCELLED"}
+        except BaseException:
+            self._end(context, icon="ERROR", sentences=("Ageing failed; see the console.",))
+            raise
+        warnings = tuple(self._run.warnings)
+        self._end(context, icon="INFO", sentences=warnings)
+        self.report({"INFO"}, f"{self._run.plan.material_name} ages")
+        for warning in warnings:
+            self.report({"WARNING"}, warning)
+        return {"FINISHED"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        # Blender calls this when the window closes or another file is loaded.
+        self._end(context, icon="INFO", sentences=("Ageing was cancelled.",))
+
+    def _end(self, context: bpy.types.Context, *, icon: str, sentences: tuple[str, ...]) -> None:
+        context.window_manager.event_timer_remove(self._timer)
+        session.finish(self._run, icon=icon, sentences=sentences)
+        _redraw(context)
+
+
+class TVBRDF_OT_cancel(bpy.types.Operator):
+    """End the run; the material stays as it is"""
+
+    bl_idname = "tvbrdf.cancel"
+    bl_label = "Cancel"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        if session.current() is None:
+            cls.poll_message_set("Nothing is being aged")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        run = session.current()
+        assert run is not None
+        run.cancel()
+        _redraw(context)
+        return {"FINISHED"}
+
+
+class _OnAgedMaterial(_OnMaterial):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if session.current() is not None:
+            cls.poll_message_set("A material is being aged")
+            return False
+        if not _shown(context):
+            return True
+        material = material_of(context)
+        if material is None or not is_aged(material):
+            cls.poll_message_set("The material is not aged")
+            return False
+        return True
+
+    def aged_target(self, context: bpy.types.Context) -> _Target:
+        target = self.target(context)
+        if not is_aged(target.material):
+            raise SettingsError(f"{target.material.name} is not aged.", "Age it first.")
+        return target
+
+
+class TVBRDF_OT_revert(_OnAgedMaterial, bpy.types.Operator):
+    """Bring the original material back, exactly; the textures stay on disk"""
+
+    bl_idname = "tvbrdf.revert"
+    bl_label = "Revert"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            revert(self.aged_target(context).material)
+        except TvbrdfError as error:
+            return self.refuse(error)
+        return {"FINISHED"}
+
+
+class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
+    """Keep the material as it is on the current frame, without animation; Revert still works"""
+
+    bl_idname = "tvbrdf.freeze"
+    bl_label = "Freeze at This Frame"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            material, scene = self.aged_target(context)
+            freeze(material, scene.frame_current)
+        except TvbrdfError as error:
+            return self.refuse(error)
+        return {"FINISHED"}
+
+
+def _redraw(context: bpy.types.Context) -> None:
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in {"NODE_EDITOR", "PROPERTIES"}:
+                area.tag_redraw()
+
+
+CLASSES = (TVBRDF_OT_age_material, TVBRDF_OT_cancel, TVBRDF_OT_revert, TVBRDF_OT_freeze)

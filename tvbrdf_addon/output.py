@@ -1,0 +1,67 @@
+"""Where results are written.  No bpy."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from .errors import SettingsError
+
+__all__ = ("file_safe", "free_folder", "require_writable")
+
+# Names that Windows keeps for devices, whatever their extension.
+RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+LONGEST_BYTES = 120
+
+
+def file_safe(name: str) -> str:
+    """`name` as a folder name that every system accepts; other scripts' letters stay."""
+    safe = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f]', "_", name).rstrip(". ").lstrip()
+    safe = safe.encode()[:LONGEST_BYTES].decode(errors="ignore").rstrip(". ")
+    if safe.startswith("."):
+        safe = "_" + safe[1:]
+    if not safe:
+        return "material"
+    return f"_{safe}" if RESERVED.fullmatch(safe) else safe
+
+
+def free_folder(parent: Path, name: str, taken: Iterable[Path]) -> Path:
+    """The first of `name`, `name.001`, ... in `parent` that may be written to.
+
+    A folder may not where a material shows files of it (`taken`), nor where it holds something
+    that is not an earlier result.
+    """
+    taken = {_key(folder) for folder in taken}
+    safe = file_safe(name)
+    number = 0
+    while True:
+        folder = parent / (f"{safe}.{number:03d}" if number else safe)
+        if _key(folder) not in taken and _is_ours(folder):
+            return folder
+        number += 1
+
+
+def require_writable(folder: Path) -> None:
+    """Raise SettingsError where `folder` can be neither written to nor made."""
+    existing = folder
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise SettingsError(f"{existing} is a file, not a folder.", "Choose another output folder.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise SettingsError(
+            f"The output folder {existing} cannot be written to.", "Choose another output folder."
+        )
+
+
+def _is_ours(folder: Path) -> bool:
+    if not folder.exists():
+        return True
+    return folder.is_dir() and ((folder / "aged.json").is_file() or not any(folder.iterdir()))
+
+
+def _key(folder: Path) -> str:
+    # Steel and steel are one folder on most artists' machines.
+    return os.path.realpath(folder).casefold()

@@ -1,0 +1,230 @@
+"""The same panel in two places: the Shader Editor's sidebar and the Material properties."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import ClassVar
+
+import bpy
+
+from . import properties, session
+from .material.revert import is_aged
+from .operators import material_of
+from .run import Run, why_not
+
+__all__ = ("CLASSES",)
+
+# Average width of a letter of the interface font, in unscaled pixels, and what icons and borders
+# take away from a line.
+LETTER_PIXELS = 6.4
+MARGIN_PIXELS = 55
+
+
+def _paragraph(
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
+) -> None:
+    """`text` over as many lines as the region needs: Blender's labels do not wrap."""
+    pixels = context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    for number, line in enumerate(textwrap.wrap(text, max(int(pixels / LETTER_PIXELS), 12))):
+        if icon == "NONE":
+            column.label(text=line)
+        else:
+            column.label(text=line, icon=icon if number == 0 else "BLANK1")
+
+
+def _time_left(seconds: float) -> str:
+    if seconds < 10:
+        return "a few seconds left"
+    if seconds < 90:
+        return f"about {round(seconds, -1):.0f} s left"
+    return f"about {seconds / 60:.0f} min left"
+
+
+def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    material = material_of(context)
+    if material is None:
+        layout.label(text="Give the object a material to age it", icon="INFO")
+        return
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    run = session.current()
+    settings = layout.column()
+    settings.enabled = run is None and material.library is None
+    _draw_model(settings, context, material)
+    _draw_range(settings, context, material)
+    _draw_detail(settings, material)
+    layout.separator()
+    if run is not None:
+        _draw_progress(layout, run)
+        return
+    _draw_action(layout, context, material)
+    _draw_outcome(layout, context, material)
+
+
+def _draw_model(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    settings = material.tvbrdf
+    layout.prop(settings, "ntm")
+    if settings.ntm == properties.OWN_FILE:
+        layout.prop(settings, "ntm_file", text="File")
+    elif (card := properties.card_of(settings)) is not None:
+        box = layout.box()
+        _paragraph(box, context, card.description)
+
+
+def _draw_range(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    settings = material.tvbrdf
+    layout.prop(settings, "use_scene_range")
+    column = layout.column(align=True)
+    if settings.use_scene_range:
+        column.enabled = False
+        column.prop(context.scene, "frame_start", text="Frames")
+        column.prop(context.scene, "frame_end", text="to")
+    else:
+        column.prop(settings, "frame_start", text="Frames")
+        column.prop(settings, "frame_end", text="to")
+    layout.prop(settings, "steps", text="Stages")
+
+
+def _draw_detail(layout: bpy.types.UILayout, material: bpy.types.Material) -> None:
+    settings = material.tvbrdf
+    column = layout.column()
+    column.prop(settings, "size")
+    column.prop(settings, "quality")
+    column.prop(settings, "output")
+
+
+def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
+    column = layout.column(align=True)
+    left = run.seconds_left
+    text = run.plan.material_name if left is None else _time_left(left)
+    column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}  {text}")
+    column.label(text=f"{run.stage}…")
+    row = layout.row()
+    row.enabled = not run.cancel_requested
+    row.operator(
+        "tvbrdf.cancel", text="Cancelling…" if run.cancel_requested else "Cancel", icon="X"
+    )
+
+
+def _draw_action(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    aged = is_aged(material)
+    row = layout.row()
+    row.scale_y = 1.5
+    text = "Age Again from the Original" if aged else "Age Material"
+    row.operator("tvbrdf.age_material", text=text, icon="TIME")
+    if reason := why_not(material, context.scene):
+        _paragraph(layout, context, reason, "ERROR")
+    if aged:
+        row = layout.row(align=True)
+        row.operator("tvbrdf.revert", icon="LOOP_BACK")
+        row.operator(
+            "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
+        )
+
+
+def _draw_outcome(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    outcome = session.outcome()
+    if outcome is None or outcome.material_uid != material.session_uid:
+        return
+    for sentence in outcome.sentences:
+        _paragraph(layout, context, sentence, outcome.icon)
+
+
+def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    material = material_of(context)
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    layout.enabled = session.current() is None and material.library is None
+    settings = material.tvbrdf
+    column = layout.column()
+    column.prop(settings, "onset")
+    if settings.onset == "image":
+        column.prop(settings, "onset_image", text="Image")
+    if settings.onset == "auto":
+        column.prop(settings, "seed")
+    column.separator()
+    column.prop(settings, "temporal_model")
+    row = column.row()
+    row.enabled = settings.quality != "exact"
+    row.prop(settings, "tolerance")
+    column.prop(settings, "specular")
+    column.separator()
+    column.prop(settings, "format")
+    box = column.box()
+    chosen = next(item for item in properties.FORMATS if item[0] == settings.format)
+    _paragraph(box, context, chosen[2])
+
+
+class _SidebarPanel:
+    bl_space_type = "NODE_EDITOR"
+    bl_region_type = "UI"
+    bl_category = "Age"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        space = context.space_data
+        return space.tree_type == "ShaderNodeTree" and space.shader_type == "OBJECT"
+
+
+class _PropertiesPanel:
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "material"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.material is not None
+
+
+class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
+    bl_label = "Age Material"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_age(self.layout, context)
+
+
+class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return material_of(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_advanced(self.layout, context)
+
+
+class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
+    bl_label = "Age Material"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_age(self.layout, context)
+
+
+class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_advanced(self.layout, context)
+
+
+CLASSES = (
+    NODE_PT_tvbrdf_age,
+    NODE_PT_tvbrdf_advanced,
+    MATERIAL_PT_tvbrdf_age,
+    MATERIAL_PT_tvbrdf_advanced,
+)

@@ -1,0 +1,84 @@
+"""Where the worker's Python and further models are; set once, for all files."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+
+from ..model_runtime import package
+from .worker import Launch
+
+__all__ = ("CLASSES", "launch", "model_folders")
+
+# The extension's own module, `bl_ext.<repository>.tvbrdf`.
+EXTENSION = __package__.rpartition(".")[0]
+IDLE_MINUTES = 10
+
+
+class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
+    bl_idname = EXTENSION
+
+    models_folder: bpy.props.StringProperty(
+        name="Models Folder",
+        description="Folder with models (.safetensors) of your own; they appear in the model list",
+        subtype="DIR_PATH",
+    )
+    worker_python: bpy.props.StringProperty(
+        name="Worker Python",
+        description=(
+            "Python that computes the ageing, for instance one with a GPU build of torch. "
+            "It needs torch, numpy, OpenEXR and safetensors. Empty: the one that came with "
+            "the extension"
+        ),
+        subtype="FILE_PATH",
+    )
+    idle_minutes: bpy.props.IntProperty(
+        name="Keep Ready",
+        description=(
+            "Minutes for which the worker waits for a next run before it gives its memory back"
+        ),
+        default=IDLE_MINUTES,
+        min=1,
+        soft_max=60,
+    )
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.prop(self, "models_folder", placeholder="Only the bundled models")
+        layout.prop(self, "worker_python", placeholder="Comes with the extension")
+        layout.prop(self, "idle_minutes", text="Keep Ready (minutes)")
+
+
+def model_folders() -> Sequence[Path]:
+    """The folders whose models can be chosen: the bundled one, and the user's."""
+    preferences = _preferences()
+    if preferences is None or not preferences.models_folder:
+        return (package.MODELS,)
+    return (package.MODELS, Path(bpy.path.abspath(preferences.models_folder)))
+
+
+def launch() -> Launch:
+    """How the worker is started, after the preferences."""
+    extensions = Path(bpy.utils.user_resource("EXTENSIONS"))
+    python = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    preferences = _preferences()
+    return Launch(
+        runtime=package.MODELS.parents[1],
+        site_packages=(extensions / ".local" / "lib" / python / "site-packages",),
+        interpreter=bpy.path.abspath(preferences.worker_python) if preferences else "",
+        idle_minutes=preferences.idle_minutes if preferences else IDLE_MINUTES,
+    )
+
+
+def _preferences() -> TVBRDF_AP_preferences | None:
+    # None where the extension is registered without being installed, as in tests.
+    addon = bpy.context.preferences.addons.get(EXTENSION)
+    return addon.preferences if addon is not None else None
+
+
+CLASSES = (TVBRDF_AP_preferences,)

@@ -1,0 +1,240 @@
+"""The settings of a run, kept in the material: `material.tvbrdf`."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import bpy
+
+from ..model_runtime import package
+from . import preferences
+
+__all__ = ("CLASSES", "OWN_FILE", "card_of", "frame_range", "model_file", "register", "unregister")
+
+# The item of the model list that means `ntm_file`.
+OWN_FILE = "file"
+
+QUALITIES = (
+    ("draft", "Draft", "Quick look: fewest distinct texels are modelled"),
+    ("balanced", "Balanced", "Models as little as the tolerance allows"),
+    ("exact", "Exact", "Models every texel with every sample and leaves nothing out. Slow"),
+)
+TEMPORAL_MODELS = (
+    ("auto", "Automatic", "The simplest model that the source sequence supports"),
+    ("constant", "Constant", "Every texel turns into the same aged material"),
+    ("affine", "Affine", "Scale and offset of every channel over time"),
+    ("lstm_parameters", "LSTM on Parameters", "A network predicts the reflectance parameters"),
+    ("lstm_latents", "LSTM on Latents", "The neural temporal model of the paper"),
+)
+ONSETS = (
+    ("auto", "Spots", "Ageing starts in spots and spreads from them, as the model's process does"),
+    ("none", "Everywhere at Once", "Every texel starts to age on the first frame"),
+    ("image", "Image", "An image says when each texel starts: black at once, white at the end"),
+)
+FORMATS = (
+    (
+        "as-authored",
+        "As Authored",
+        "Carries the change over to your own base colour, metallic, specular and roughness. "
+        "The first frame is your material, exactly. Best for materials made by hand, and exports "
+        "to glTF",
+    ),
+    (
+        "exact",
+        "Exact",
+        "Shows the modelled reflectance to the digit, without Fresnel. Best for measured "
+        "materials and for comparisons",
+    ),
+)
+SPECULARS = (
+    ("rgb", "Coloured", "Highlights may take on a colour, as metals do"),
+    ("mono", "Grey", "Highlights stay grey"),
+)
+
+
+class _Models(NamedTuple):
+    stamp: tuple[tuple[str, float], ...]
+    cards: dict[str, package.ModelCard]
+    items: list[tuple[str, str, str, str, int]]
+
+
+# Blender keeps pointers to the strings of a dynamic enum without owning them, so they live here.
+_models: _Models | None = None
+
+
+def _list_models() -> _Models:
+    """The models of all folders, read again only when a folder has changed."""
+    global _models
+    folders = [folder for folder in preferences.model_folders() if folder.is_dir()]
+    stamp = tuple((str(folder), folder.stat().st_mtime) for folder in folders)
+    if _models is None or _models.stamp != stamp:
+        cards = {card.name: card for card in reversed(package.list_models(folders))}
+        items = [
+            (card.name, card.title, card.description, "NONE", _number(card.name))
+            for card in sorted(cards.values(), key=lambda card: card.title)
+        ]
+        own = (OWN_FILE, "From File…", "A model file of your own", "FILE", _number(OWN_FILE))
+        _models = _Models(stamp, cards, [*items, own])
+    return _models
+
+
+def _number(name: str) -> int:
+    # A dynamic enum is saved as a number: it must not depend on which other models there are.
+    return zlib.crc32(name.encode()) & 0x7FFFFFFF
+
+
+def _model_items(
+    _self: TVBRDF_PG_material, _context: bpy.types.Context | None
+) -> list[tuple[str, str, str, str, int]]:
+    return _list_models().items
+
+
+def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
+    self.use_scene_range = False
+
+
+class TVBRDF_PG_material(bpy.types.PropertyGroup):
+    """How a material is aged, and what it was before."""
+
+    ntm: bpy.props.EnumProperty(
+        name="Model",
+        description="What happens to the material",
+        items=_model_items,
+        default=_number("rust"),
+    )
+    ntm_file: bpy.props.StringProperty(
+        name="Model File",
+        description="Model file (.safetensors) made by the training package",
+        subtype="FILE_PATH",
+    )
+    use_scene_range: bpy.props.BoolProperty(
+        name="Scene Range",
+        description="Age over the scene's frame range",
+        default=True,
+    )
+    frame_start: bpy.props.IntProperty(
+        name="First Frame",
+        description="Frame on which ageing starts; the material is still as you made it",
+        default=1,
+        update=_leave_scene_range,
+    )
+    frame_end: bpy.props.IntProperty(
+        name="Last Frame",
+        description="Frame on which the material is fully aged",
+        default=250,
+        update=_leave_scene_range,
+    )
+    steps: bpy.props.IntProperty(
+        name="Modelled Frames",
+        description="Stages of ageing that are computed and stored; spread over the frame range",
+        default=36,
+        min=1,
+        soft_max=250,
+    )
+    size: bpy.props.IntProperty(
+        name="Size",
+        description="Longer side, in pixels, of textures that have to be baked",
+        default=1024,
+        min=16,
+        max=8192,
+        subtype="PIXEL",
+    )
+    quality: bpy.props.EnumProperty(
+        name="Quality",
+        description="How much of the material is modelled",
+        items=QUALITIES,
+        default="balanced",
+    )
+    output: bpy.props.StringProperty(
+        name="Output",
+        description="Folder for the textures; every material gets a folder of its own inside",
+        default="//aged",
+        subtype="DIR_PATH",
+    )
+    tolerance: bpy.props.FloatProperty(
+        name="Tolerance",
+        description="How close, in dB, the result stays to that of quality Exact. Higher is closer",
+        default=45.0,
+        min=10.0,
+        max=100.0,
+        precision=0,
+    )
+    temporal_model: bpy.props.EnumProperty(
+        name="Change",
+        description="How change over time is modelled",
+        items=TEMPORAL_MODELS,
+        default="auto",
+    )
+    onset: bpy.props.EnumProperty(
+        name="Start",
+        description="Where ageing starts",
+        items=ONSETS,
+        default="auto",
+    )
+    onset_image: bpy.props.StringProperty(
+        name="Start Image",
+        description="Greyscale image that says when each texel starts to age",
+        subtype="FILE_PATH",
+    )
+    seed: bpy.props.IntProperty(
+        name="Seed",
+        description="Another number gives other spots",
+        default=0,
+        min=0,
+    )
+    specular: bpy.props.EnumProperty(
+        name="Highlights",
+        description="Colour of the aged highlights",
+        items=SPECULARS,
+        default="rgb",
+    )
+    format: bpy.props.EnumProperty(
+        name="Mapping",
+        description="How the aged reflectance becomes a Principled BSDF",
+        items=FORMATS,
+        default="as-authored",
+    )
+    original: bpy.props.StringProperty(
+        description="What Revert restores, as JSON; empty while the material is not aged",
+        options={"HIDDEN"},
+    )
+    folder: bpy.props.StringProperty(
+        name="Result",
+        description="Folder with the textures of the last run",
+        subtype="DIR_PATH",
+        options={"HIDDEN"},
+    )
+
+
+def frame_range(material: bpy.types.Material, scene: bpy.types.Scene) -> tuple[int, int]:
+    """First and last frame of ageing."""
+    settings = material.tvbrdf
+    if settings.use_scene_range:
+        return scene.frame_start, scene.frame_end
+    return settings.frame_start, settings.frame_end
+
+
+def card_of(settings: TVBRDF_PG_material) -> package.ModelCard | None:
+    """The card of the chosen model; None where it is a file of the user's or no longer there."""
+    return _list_models().cards.get(settings.ntm)
+
+
+def model_file(settings: TVBRDF_PG_material) -> Path | None:
+    """The chosen model's file; None where none is chosen, or it is no longer there."""
+    if settings.ntm == OWN_FILE:
+        return Path(bpy.path.abspath(settings.ntm_file)) if settings.ntm_file else None
+    card = card_of(settings)
+    return card.path if card is not None else None
+
+
+def register() -> None:
+    bpy.types.Material.tvbrdf = bpy.props.PointerProperty(type=TVBRDF_PG_material)
+
+
+def unregister() -> None:
+    del bpy.types.Material.tvbrdf
+
+
+CLASSES = (TVBRDF_PG_material,)

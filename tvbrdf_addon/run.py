@@ -1,0 +1,315 @@
+"""One run, from the material to the aged material: the same steps in a window and without one.
+
+A run never keeps a reference to anything in the file from one step to the next: an undo, or the
+loading of another file, would leave it dangling.  It keeps session uids.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from . import output, properties
+from .errors import MaterialError, RunEndedError, SettingsError
+from .material.bind import bind
+from .material.check import why_not as why_not_readable
+from .material.read import Reading, read
+from .material.revert import is_aged, revert
+from .worker import Done, Notice, Progress, Worker
+from .worker import run as ask
+
+__all__ = ("Plan", "Run", "object_with", "plan", "why_not")
+
+# Until this much is done and this much time has passed, time left would be a guess.
+GUESS_FRACTION, GUESS_SECONDS = 0.05, 2.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that a run needs to know, so that the panel may be changed meanwhile.
+
+    `request` is what the worker is asked for, without the input.
+    """
+
+    material_uid: int
+    material_name: str
+    object_uid: int | None
+    scene_uid: int
+    size: int
+    frame_start: int
+    frame_end: int
+    folder: Path
+    request: dict[str, Any]
+
+
+def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
+    """What ageing `material` with its settings will do; looks, and changes nothing.
+
+    Raises:
+        MaterialError, SettingsError: why it cannot be done.
+    """
+    obj = object_with(material, scene)
+    if reason := why_not_readable(material, obj):
+        raise MaterialError(reason)
+    settings = material.tvbrdf
+    model = _require_settings(material, scene)
+    frame_start, frame_end = properties.frame_range(material, scene)
+    parent = Path(bpy.path.abspath(settings.output)).absolute()
+    output.require_writable(parent)
+    onset = settings.onset
+    if onset == "image":
+        onset = bpy.path.abspath(settings.onset_image)
+    return Plan(
+        material_uid=material.session_uid,
+        material_name=material.name,
+        object_uid=obj.session_uid if obj is not None else None,
+        scene_uid=scene.session_uid,
+        size=settings.size,
+        frame_start=frame_start,
+        frame_end=frame_end,
+        folder=output.free_folder(parent, material.name, _folders_in_use(material)),
+        request={
+            "ntm": str(model),
+            "frames": settings.steps,
+            "quality": settings.quality,
+            "tolerance": settings.tolerance,
+            "temporal_model": settings.temporal_model,
+            "onset": onset,
+            "specular": settings.specular,
+            "format": "principled" if settings.format == "as-authored" else "principled-exact",
+            "seed": settings.seed,
+        },
+    )
+
+
+def why_not(material: bpy.types.Material, scene: bpy.types.Scene) -> str | None:
+    """One sentence why `material` cannot be aged now; None where it can.  Cheap enough to draw."""
+    if reason := why_not_readable(material, object_with(material, scene)):
+        return reason
+    try:
+        _require_settings(material, scene)
+    except SettingsError as error:
+        return str(error)
+    return None
+
+
+def object_with(material: bpy.types.Material, scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """An object of the scene that shows `material`: one with UVs, and the active one, if it can."""
+    active = bpy.context.view_layer.objects.active if bpy.context.view_layer else None
+    showing = [
+        obj
+        for obj in scene.objects
+        if any(slot.material == material for slot in obj.material_slots)
+    ]
+    return max(showing, key=lambda obj: (_has_uvs(obj), obj == active), default=None)
+
+
+def _has_uvs(obj: bpy.types.Object) -> bool:
+    return obj.type == "MESH" and bool(obj.data.uv_layers)
+
+
+def _require_settings(material: bpy.types.Material, scene: bpy.types.Scene) -> Path:
+    settings = material.tvbrdf
+    model = properties.model_file(settings)
+    if model is None:
+        raise SettingsError("No model is chosen.", "Choose what happens to the material.")
+    frame_start, frame_end = properties.frame_range(material, scene)
+    if frame_end <= frame_start:
+        raise SettingsError(
+            f"The frame range {frame_start} to {frame_end} is empty.",
+            "Set a last frame after the first one.",
+        )
+    if not settings.output:
+        raise SettingsError("There is no output folder.", "Choose one.")
+    if settings.output.startswith("//") and not bpy.data.filepath:
+        raise SettingsError(
+            "This file is not saved yet, so its folder is unknown.",
+            "Save it, or choose an absolute output folder.",
+        )
+    if settings.onset == "image" and not settings.onset_image:
+        raise SettingsError(
+            "No start image is chosen.", "Choose one, or let ageing start in spots."
+        )
+    return model
+
+
+def _folders_in_use(material: bpy.types.Material) -> list[Path]:
+    """The folders of all images, and of other materials' results.
+
+    This material's own textures count: an undo must find them as they were.
+    """
+    files = [
+        Path(bpy.path.abspath(image.filepath, library=image.library))
+        for image in bpy.data.images
+        if image.filepath
+    ]
+    results = [
+        Path(bpy.path.abspath(other.tvbrdf.folder, library=other.library))
+        for other in bpy.data.materials
+        if other.tvbrdf.folder and other != material
+    ]
+    return [file.parent for file in files] + results
+
+
+class Run:
+    """A run that goes on while `step` says so.
+
+    `stage`, `fraction` (0 to 1) and `seconds_left` are for the eye; `warnings` and, at its end,
+    `aged` (the content of `aged.json`) for the report.
+    """
+
+    def __init__(self, plan: Plan, worker: Worker) -> None:
+        self.plan = plan
+        self.stage = "Reading the material"
+        self.fraction = 0.0
+        self.warnings: list[str] = []
+        self.aged: dict[str, Any] = {}
+        self.cancel_requested = False
+        self._ended_by = ""
+        self._worker = worker
+        self._computing_since: float | None = None
+        self._steps = self._all_steps()
+
+    def step(self) -> bool:
+        """Do what can be done without waiting; False at the end, when all is done.
+
+        Raises:
+            TvbrdfError: it failed, was cancelled (`code` is `cancelled`) or ended from outside;
+                the material is as it was.
+        """
+        if self._ended_by:
+            self.close()
+            raise RunEndedError(self._ended_by, "Nothing was changed.")
+        try:
+            next(self._steps)
+        except StopIteration:
+            return False
+        return True
+
+    def cancel(self) -> None:
+        """Ask it to end; the next steps see to it."""
+        self.cancel_requested = True
+
+    def end(self, reason: str) -> None:
+        """End it because of what happened to the file; `reason` is one sentence."""
+        self._ended_by = reason
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the worker and of the temporary files."""
+        self._steps.close()
+
+    @property
+    def seconds_left(self) -> float | None:
+        """How long it will probably go on; None while that is unknown."""
+        if self._computing_since is None or self.fraction < GUESS_FRACTION:
+            return None
+        seconds = time.monotonic() - self._computing_since
+        if seconds < GUESS_SECONDS:
+            return None
+        return seconds * (1 - self.fraction) / self.fraction
+
+    def _all_steps(self) -> Iterator[None]:
+        # Twice: once for the panel to hear of the run, once to draw it before a bake blocks.
+        yield
+        yield
+        with tempfile.TemporaryDirectory(prefix="tvbrdf-", ignore_cleanup_errors=True) as job:
+            reading = self._read(Path(job))
+            yield
+            yield from self._compute(Path(job), reading)
+        self._bind(reading)
+
+    def _read(self, folder: Path) -> Reading:
+        scene = _by_uid(bpy.data.scenes, self.plan.scene_uid)
+        obj = _by_uid(bpy.data.objects, self.plan.object_uid)
+        if scene is None or (obj is None and self.plan.object_uid is not None):
+            raise RunEndedError("The object that shows the material was deleted.")
+        reading = read(
+            material=self._material(), obj=obj, scene=scene, folder=folder, size=self.plan.size
+        )
+        self.warnings.extend(reading.warnings)
+        return reading
+
+    def _compute(self, folder: Path, reading: Reading) -> Iterator[None]:
+        self.stage = "Starting the worker"
+        size = self.plan.size if reading.uniform else max(reading.size)
+        request = self.plan.request | {
+            "input": str(folder),
+            "output": str(self.plan.folder),
+            "size": size,
+        }
+        messages = ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested)
+        for message in messages:
+            self._material()
+            match message:
+                case Progress(stage, fraction):
+                    if self._computing_since is None:
+                        self._computing_since = time.monotonic()
+                    self.stage, self.fraction = stage, max(self.fraction, fraction)
+                case Notice(text):
+                    self.warnings.append(text)
+                case Done(result):
+                    self.aged = result
+            yield
+
+    def _bind(self, reading: Reading) -> None:
+        self.stage, self.fraction = "Building the nodes", 1.0
+        material = self._material()
+        _require_whole(self.plan.folder)
+        if is_aged(material):
+            revert(material)
+        bind(
+            material=material,
+            reading=reading,
+            folder=self.plan.folder,
+            frame_start=self.plan.frame_start,
+            frame_end=self.plan.frame_end,
+        )
+        folder = str(self.plan.folder)
+        material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder
+
+    def _material(self) -> bpy.types.Material:
+        material = _by_uid(bpy.data.materials, self.plan.material_uid)
+        if material is None:
+            raise RunEndedError(
+                f"The material {self.plan.material_name} was deleted while it aged.",
+                "Undo the deletion and press Age Material again.",
+            )
+        return material
+
+
+def _by_uid(collection: Any, uid: int | None) -> Any:
+    return next((block for block in collection if block.session_uid == uid), None)
+
+
+def _require_whole(folder: Path) -> None:
+    """Raise MaterialError before anything is touched where a stub or a full disk left holes."""
+    try:
+        aged = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
+        missing = [
+            name
+            for frames in aged["files"].values()
+            for name in frames
+            if isinstance(name, str) and not (folder / name).is_file()
+        ]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise MaterialError(
+            f"The result in {folder} cannot be read ({error}).", "Press Age Material again."
+        ) from error
+    if missing:
+        raise MaterialError(
+            f"The result in {folder} lacks {missing[0]}.", "Press Age Material again."
+        )
+
+
+def _near_file(folder: str) -> bool:
+    """Whether a path relative to the .blend can lead to `folder` (not from drive to drive)."""
+    saved = bpy.data.filepath
+    return bool(saved) and Path(saved).drive == Path(folder).drive

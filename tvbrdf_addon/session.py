@@ -1,0 +1,161 @@
+"""What lives as long as Blender: the warm worker, the run that goes on, how the last one ended."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import bpy
+from bpy.app.handlers import persistent
+
+from . import preferences
+from .errors import SettingsError
+from .run import Run, plan
+from .worker import Worker
+
+__all__ = (
+    "Outcome",
+    "age_and_wait",
+    "begin",
+    "current",
+    "finish",
+    "outcome",
+    "register",
+    "stop_worker",
+    "unregister",
+)
+
+# Between two looks at the worker where nothing else is to be done.
+POLL_SECONDS = 0.05
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended, for the panel of the material it was about."""
+
+    material_uid: int
+    icon: str
+    sentences: tuple[str, ...]
+
+
+_worker: Worker | None = None
+_current: Run | None = None
+_outcome: Outcome | None = None
+
+
+def current() -> Run | None:
+    """The run that goes on."""
+    return _current
+
+
+def outcome() -> Outcome | None:
+    """How the last run ended."""
+    return _outcome
+
+
+def begin(material: bpy.types.Material, scene: bpy.types.Scene) -> Run:
+    """A run that ages `material`, to be stepped until it ends and then given to `finish`.
+
+    Raises:
+        SettingsError: another run goes on.
+        TvbrdfError: why this one cannot begin.
+    """
+    global _current
+    if _current is not None:
+        raise SettingsError(
+            f"{_current.plan.material_name} is being aged.", "Wait for it to end, or cancel it."
+        )
+    _current = Run(plan(material, scene), _warm_worker())
+    return _current
+
+
+def finish(run: Run, *, icon: str, sentences: tuple[str, ...]) -> None:
+    """Let go of a run that has ended, however it did, and keep what is to be said of it."""
+    global _current, _outcome
+    run.close()
+    if _current is run:
+        _current = None
+    _outcome = Outcome(run.plan.material_uid, icon, sentences)
+
+
+def age_and_wait(material: bpy.types.Material, scene: bpy.types.Scene) -> Run:
+    """Age `material` here and now, printing progress; the run, at its end.
+
+    Raises:
+        TvbrdfError: as `Run.step`; Ctrl-C cancels.
+    """
+    run = begin(material, scene)
+    sentences: tuple[str, ...] = ()
+    said = ""
+    try:
+        while _step_through_interrupt(run):
+            if run.stage != said:
+                said = run.stage
+                print(f"{run.plan.material_name}: {run.fraction:4.0%} {run.stage}", flush=True)
+            time.sleep(POLL_SECONDS)
+        sentences = tuple(run.warnings)
+        for warning in sentences:
+            print(f"{run.plan.material_name}: Warning: {warning}", flush=True)
+    finally:
+        finish(run, icon="INFO", sentences=sentences)
+    return run
+
+
+def _step_through_interrupt(run: Run) -> bool:
+    try:
+        return run.step()
+    except KeyboardInterrupt:
+        run.cancel()
+        return True
+
+
+def stop_worker() -> None:
+    """End the run, if any, and the worker; the next run starts another."""
+    global _worker
+    if _current is not None:
+        _current.end("The extension was disabled.")
+    if _worker is not None:
+        _worker.stop()
+        _worker = None
+
+
+def _warm_worker() -> Worker:
+    global _worker
+    launch = preferences.launch()
+    if _worker is not None and _worker.launch != launch:
+        stop_worker()
+    if _worker is None:
+        _worker = Worker(launch)
+    return _worker
+
+
+@persistent
+def _on_undo(_scene: bpy.types.Scene) -> None:
+    if _current is not None:
+        _current.end("Ageing ended, because undo may have changed the material meanwhile.")
+
+
+@persistent
+def _on_load(_file: object) -> None:
+    if _current is not None:
+        _current.end("Ageing ended, because another file was opened.")
+
+
+def _handlers() -> tuple[tuple[list, object], ...]:
+    handlers = bpy.app.handlers
+    return (
+        (handlers.undo_post, _on_undo),
+        (handlers.redo_post, _on_undo),
+        (handlers.load_pre, _on_load),
+    )
+
+
+def register() -> None:
+    for handlers, function in _handlers():
+        handlers.append(function)
+
+
+def unregister() -> None:
+    for handlers, function in _handlers():
+        handlers.remove(function)
+    stop_worker()
