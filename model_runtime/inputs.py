@@ -1,7 +1,6 @@
-"""Reads what `--input` names: maps of a texture set or of Torrance-Sparrow parameters, or a measured
-BRDF.
+"""Reads what `--input` names: the maps of a material, or a measured BRDF.
 
-Maps of one material may have several resolutions, of one shape: all are brought to the largest. A map
+Maps of one material may differ in resolution, not in shape: all are brought to the largest. A map
 of 1 x 1 is a constant.
 """
 

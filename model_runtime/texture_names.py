@@ -1,8 +1,8 @@
 """Which file of a texture set holds which map, told by its name as artists write it.
 
-`Wood049_1K-JPG_Color.jpg`, `wood_diff_2k.png`, `T_Rock_BaseColor.tif`, `metallic.exr`: a name is split
-into words at punctuation and capitals; the last words that name a map decide, and what is left
-without resolution and format is the material's name.
+`Wood049_1K-JPG_Color.jpg`, `wood_diff_2k.png`, `T_Rock_BaseColor.tif`, `metallic.exr`: a name is
+split into words at punctuation and capitals; the last words that name a map decide, and what is
+left without resolution and format is the material's name.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from .images import EXTENSIONS
 __all__ = ("choose_maps",)
 
 _TAGS = {
-    "base_color": tuple(
-        "basecolor basecolour albedo color colour diffusecolor col diffuse diff".split()
+    "base_color": (
+        *("basecolor", "basecolour", "albedo", "color", "colour"),
+        *("diffusecolor", "col", "diffuse", "diff"),
     ),
     "roughness": ("roughness", "rough", "rgh"),
     "gloss": ("glossiness", "gloss", "smoothness"),
@@ -31,10 +32,12 @@ _TAGS = {
 }
 """The words for each map, the most telling first."""
 
-_IGNORED = tuple(
-    "normal norm nor nrm displacement disp height bump ao ambientocclusion occlusion opacity arm orm "
-    "preview thumbnail render emission emissive emissioncolor emissivecolor specularcolor coatcolor "
-    "coatroughness clearcoatroughness sheencolor sheenroughness subsurfacecolor".split()
+_IGNORED = (
+    *("normal", "norm", "nor", "nrm", "displacement", "disp", "height", "bump"),
+    *("ao", "ambientocclusion", "occlusion", "opacity", "arm", "orm"),
+    *("emission", "emissive", "emissioncolor", "emissivecolor", "specularcolor", "coatcolor"),
+    *("coatroughness", "clearcoatroughness", "sheencolor", "sheenroughness", "subsurfacecolor"),
+    *("preview", "thumbnail", "render"),
 )
 """Maps that are not read, and pictures of the material."""
 
@@ -42,10 +45,10 @@ _MAP_OF_TAG = {tag: name for name, tags in _TAGS.items() for tag in tags} | dict
 _RANK_OF_TAG = {tag: rank for tags in _TAGS.values() for rank, tag in enumerate(tags)}
 _LONGEST_TAG = 3
 _EVERYDAY = 6
-"""Tags shorter than this are everyday words too (rough, metal, color): they count only at the end of a
-name, so that `rough_wood.png` is no roughness."""
+"""Tags shorter than this are everyday words too (rough, metal, color): they count only at the end
+of a name, so that `rough_wood.png` is no roughness."""
 
-_WORD = re.compile(r"(?:[A-Z]+(?![a-z])|[A-Z]?[a-z]+)(?![0-9])")
+_WORD = re.compile(r"(?>[A-Z]+(?![a-z])|[A-Z]?[a-z]+)(?![0-9])")
 _RESOLUTION = re.compile(r"(?<![a-z0-9])(\d{1,2}k|\d{3,5}(px)?)(?![a-z0-9])", re.IGNORECASE)
 _NOT_A_NAME = re.compile(
     r"(?<![a-z0-9])(jpe?g|png|tiff?|exr|gl|dx|map|s?rgb|raw|linear)(?![a-z0-9])", re.IGNORECASE

@@ -15,10 +15,11 @@ class MeasuredBRDF:
     """An isotropic material known by its values only.
 
     name:      what its file is called, without folder and ending
-    evaluate:  angles [M, 3] (half-angle coordinates, radians) -> f [M, 3], linear RGB per steradian,
-               never negative, 0 where either direction is below the horizon. Values are what the
-               file holds: measurements are not exactly reciprocal, and nothing is averaged here
-               (phi_d from 0 to pi already visits each pair of directions in both orders).
+    evaluate:  angles [M, 3] (half-angle coordinates, radians) -> f [M, 3], linear RGB per
+               steradian, never negative, 0 where either direction is below the horizon. Values are
+               what the file holds, with wi the incident direction: measurements are not exactly
+               reciprocal, and nothing is averaged here (of an isotropic material, phi_d from 0 to
+               pi shows each pair of directions in both orders).
     """
 
     name: str

@@ -1,8 +1,8 @@
 """Measured BRDFs of the MERL database (Matusik et al., SIGGRAPH 2003), `.binary` files.
 
-Three int32 (90, 90, 180) are followed by float64 [3][90][90][180]: channel, theta_h, theta_d, phi_d.
-Rows lie at theta_h = (i / 90)^2 pi / 2, theta_d = j / 90 pi / 2, phi_d = k / 180 pi; phi_d has period
-pi (reciprocity). A negative entry marks a pair of directions that was not measured.
+Three int32 (90, 90, 180) are followed by float64 [3][90][90][180]: channel, theta_h, theta_d and
+phi_d. Rows lie at theta_h = (i / 90)^2 pi / 2, theta_d = j / 90 pi / 2, phi_d = k / 180 pi; phi_d
+has period pi (reciprocity). A negative entry marks a pair of directions that was not measured.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ _CHUNK = 10_000
 tensors of more than 32,768 numbers out among threads, leaves the threads to the caller's frames."""
 
 _PULL = 2e-4
-"""How strongly the authored metallic is kept: at the cost of half this share of Kd or Ks at most."""
+"""How strongly the authored metallic is kept: at half this share of Kd or Ks at most."""
 
 _TINY = 1e-30
 
@@ -54,8 +54,8 @@ def read_back(aged: TorranceSparrowMaps, authored: PrincipledMaps) -> Principled
     """The Principled material nearest to `authored` that has the parameters `aged`.
 
     Base colour, metallic, specular level and roughness change; IOR and specular tint stay. A texel
-    whose Kd and Ks are those of `forward(authored)`, to the bit, keeps its sockets to the bit, and so
-    does roughness where alpha is. Elsewhere `forward` of the result is `aged` within 1 % wherever
+    whose Kd and Ks are those of `forward(authored)` to the bit keeps its sockets to the bit, and
+    roughness does where alpha is. Elsewhere `forward` of the result is `aged` within 1 % wherever
     some Principled material has these parameters, and close to them otherwise; base colour,
     metallic and roughness lie in 0 to 1, the level in 0 to 1 or, where it was authored above 1,
     up to there (base colour likewise).
@@ -81,7 +81,7 @@ def exact(aged: TorranceSparrowMaps) -> tuple[Pixels, Pixels, Pixels]:
     """(base colour [H, W, 3], specular tint [H, W, 3], roughness [H, W]) of the exact mapping.
 
     Specular Tint = Ks / 0.8, Base Color = Kd / (1 - max_rgb Ks), Roughness = sqrt(alpha), with
-    Metallic 0, IOR 17.94 and Specular IOR Level 0.5. Exact where `representable`, clamped elsewhere.
+    Metallic 0, IOR 17.94 and Specular IOR Level 0.5. Exact where `representable`, else clamped.
     """
     ks = aged.ks.clip(0, EXACT_F0)
     base = aged.kd / (1 - ks.max(-1, keepdims=True))
@@ -95,7 +95,7 @@ def representable(aged: TorranceSparrowMaps) -> bool:
 
 
 class _Texels:
-    """Authored sockets of some texels as tensors, channels first: base, tint [3, n], the rest [n]."""
+    """Authored sockets of n texels, channels first: base and tint [3, n], the rest [n]."""
 
     def __init__(
         self, base: Tensor, metallic: Tensor, level: Tensor, ior: Tensor, tint: Tensor
@@ -142,8 +142,8 @@ class _Texels:
         Ks = m B + q F T. Across T (in the plane perpendicular to it) F drops out and leaves
         Ks = m (Kd + Ks), which gives m; along T they give F = ((ks + kd) q - kd) / q^2, which must
         lie in 0 to its largest value F1. F >= 0 is q >= kd / (ks + kd); F <= F1 holds outside the
-        roots of F1 q^2 - (ks + kd) q + kd. B within its range needs q >= Kd / B's largest value, and
-        B >= 0 needs q F T <= Ks.
+        roots of F1 q^2 - (ks + kd) q + kd. B up to its largest value B1 needs q >= Kd / B1,
+        and B >= 0 needs q F T <= Ks.
         """
         authored_kd, authored_ks = self.forward()
         changed = ((kd != authored_kd) | (ks != authored_ks)).any(0)

@@ -1,8 +1,9 @@
 """Isotropic RGB `.bsdf` files of the RGL material database (Dupuy and Jakob, SIGGRAPH Asia 2018).
 
 A `.bsdf` is a *tensor file*: named arrays behind a table of their types, offsets and shapes. The
-measurement is stored on a grid that the material's own distribution of visible normals has warped, so
-that highlights get most of the samples; evaluating undoes the warp (`invert` in the authors' code).
+measurement is stored on a grid that the material's own distribution of visible normals has warped,
+so that highlights get most of the samples; evaluating undoes the warp (`invert` in the authors'
+code).
 """
 
 from __future__ import annotations
