@@ -1,0 +1,352 @@
+"""What `--input` accepts, by name and by content, and the sentences with which it refuses."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from model_runtime.brdf.measured import MeasuredBRDF
+from model_runtime.errors import InputError, UsageError
+from model_runtime.images import read_image, write_exr
+from model_runtime.inputs import hash_input, read_input
+from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from model_runtime.texture_names import choose_maps
+
+
+def save(
+    path: Path, code: int | tuple[int, int, int] = 128, size: tuple[int, int] = (8, 8)
+) -> Path:
+    Image.new("RGB" if isinstance(code, tuple) else "L", size[::-1], code).save(path)
+    return path
+
+
+def write_maps(folder: Path, **maps: object) -> Path:
+    for name, pixels in maps.items():
+        write_exr(folder / f"{name}.exr", np.asarray(pixels, np.float32))
+    return folder
+
+
+def refused(path: Path, sentence: str, **settings: int) -> InputError:
+    with pytest.raises(InputError, match=sentence) as caught:
+        read_input(path, **settings)
+    assert caught.value.message.endswith(".")
+    assert caught.value.hint.endswith(".")
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("Wood049_1K-JPG_Color.jpg", "base_color"),
+        ("T_Rock_BaseColor.tif", "base_color"),
+        ("WoodFloor_Base_Color.png", "base_color"),
+        ("rusty metal-basecolor-1024.png", "base_color"),
+        ("BASECOLOR.PNG", "base_color"),
+        ("stoneCol_4K.jpg", "base_color"),
+        ("albedo.jpeg", "base_color"),
+        ("wood_diff_2k.png", "base_color"),
+        ("DiffuseColor.png", "base_color"),
+        ("rough_wood_diff_1k.jpg", "base_color"),
+        ("Metal_01_Color.png", "base_color"),
+        ("Metal_Roughness.jpg", "roughness"),
+        ("rough_wood_rough_1k.jpg", "roughness"),
+        ("oak_rgh.jpg", "roughness"),
+        ("oak_roughness_map.png", "roughness"),
+        ("oakGloss.jpg", "gloss"),
+        ("oak_Glossiness.exr", "gloss"),
+        ("PaintedMetal004_1K-JPG_Metalness.jpg", "metallic"),
+        ("Metal_COL_2K_METALLIC.jpg", "metallic"),
+        ("plate_mtl.png", "metallic"),
+        ("METAL.png", "metallic"),
+        ("bricks_spec.png", "specular"),
+        ("Specular IOR Level.exr", "specular"),
+        ("IOR.exr", "ior"),
+        ("SpecularTint.exr", "specular_tint"),
+        ("x_specular_tint.png", "specular_tint"),
+    ],
+)
+def test_names_as_artists_write_them(name: str, found: str) -> None:
+    names = [name] if found == "base_color" else [name, "only_albedo.png"]
+    assert choose_maps(Path("folder"), names)[found] == name
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Wood049_1K-JPG_NormalGL.jpg",
+        "wood_nor_gl_2k.jpg",
+        "wood_Displacement.exr",
+        "wood_height.png",
+        "wood_AO.jpg",
+        "wood_Ambient_Occlusion.jpg",
+        "wood_opacity.png",
+        "wood_arm_2k.jpg",
+        "wood_Emission_Color.png",
+        "wood_SpecularColor.png",
+        "wood_coat_roughness.png",
+        "wood_color_preview.png",
+        "Metal035.png",
+        "rough_wood.png",
+        "notes_color.txt",
+        "wood_color.blend",
+        ".hidden_color.png",
+    ],
+)
+def test_other_files_are_no_maps(name: str) -> None:
+    assert choose_maps(Path("folder"), ["wood_albedo.jpg", name]) == {
+        "base_color": "wood_albedo.jpg"
+    }
+
+
+def test_of_duplicates_one_is_chosen_whatever_the_order() -> None:
+    names = ["a_2K_Color.png", "a_1K_Color.jpg", "a_2K_Color.jpg", "a_2K_Diffuse.jpg"]
+    names += ["a_gloss.jpg", "a_roughness.exr"]
+    for ordered in (names, names[::-1], sorted(names)):
+        assert choose_maps(Path("folder"), ordered) == {
+            "base_color": "a_2K_Color.jpg",
+            "roughness": "a_roughness.exr",
+        }
+
+
+def test_two_materials_in_a_folder_are_named(tmp_path: Path) -> None:
+    save(tmp_path / "Oak_Color.png")
+    save(tmp_path / "Pine_Color.png")
+    error = refused(tmp_path, "several materials")
+    assert "'oak'" in error.message
+    assert "'pine'" in error.message
+
+
+def test_a_map_of_another_name_serves_where_it_is_the_only_one(tmp_path: Path) -> None:
+    save(tmp_path / "Oak_Color.png")
+    save(tmp_path / "scratches_Roughness.png", 0)
+    assert read_input(tmp_path).roughness.max() == 0
+    save(tmp_path / "dents_Roughness.png", 255)
+    refused(tmp_path, "'dents' and 'scratches', and none of 'oak'")
+    save(tmp_path / "Oak_Roughness.png", 51)
+    np.testing.assert_allclose(read_input(tmp_path).roughness, 0.2)
+
+
+def test_ambientcg_material_is_read(data_folder: Path) -> None:
+    folder = data_folder / "pbr" / "PaintedMetal004"
+    maps = read_input(folder)
+    assert isinstance(maps, PrincipledMaps)
+    assert maps.size == (1024, 1024)
+    np.testing.assert_array_equal(
+        maps.roughness, read_image(folder / "PaintedMetal004_1K-JPG_Roughness.jpg", color=False)
+    )
+    assert 0.01 < maps.metallic.mean() < 0.5, "red paint scratched to bare metal"
+    assert maps.base_color[..., 0].mean() > 2 * maps.base_color[..., 2].mean()
+    assert (maps.specular == 0.5).all()
+    assert (maps.ior == 1.5).all()
+    assert (maps.specular_tint == 1).all()
+    assert set(hash_input(folder)) == {
+        f"PaintedMetal004_1K-JPG_{name}.jpg" for name in ("Color", "Metalness", "Roughness")
+    }
+
+
+def test_every_material_of_the_data_is_read_small(data_folder: Path) -> None:
+    folders = [folder for folder in sorted((data_folder / "pbr").iterdir()) if folder.is_dir()]
+    assert len(folders) == 12
+    for folder in folders:
+        maps = read_input(folder, size=64)
+        assert isinstance(maps, PrincipledMaps)
+        assert maps.size == (64, 64)
+        metal = any("Metalness" in file.name for file in folder.iterdir())
+        assert metal == bool(maps.metallic.any())
+
+
+def test_missing_maps_have_the_defaults_of_blender(tmp_path: Path) -> None:
+    save(tmp_path / "color.png", (255, 0, 188))
+    maps = read_input(tmp_path)
+    np.testing.assert_allclose(maps.base_color[0, 0], [1, 0, 0.50289], rtol=1e-4)
+    assert (maps.metallic == 0).all()
+    assert (maps.specular == 0.5).all()
+    assert (maps.roughness == 0.5).all()
+    assert (maps.ior == 1.5).all()
+    assert (maps.specular_tint == 1).all()
+
+
+def test_gloss_is_inverted(tmp_path: Path) -> None:
+    save(tmp_path / "wood_diffuse.png")
+    save(tmp_path / "wood_gloss.png", 51)
+    np.testing.assert_allclose(read_input(tmp_path).roughness, 0.8)
+
+
+def test_maps_of_the_add_on_are_taken_as_they_are(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    base, metallic = rng.random((4, 6, 3)) * 0.9, rng.random((4, 6))
+    write_maps(
+        tmp_path,
+        BaseColor=base,
+        Metallic=metallic,
+        Roughness=[[0.25]],
+        Specular=[[0.75]],
+        IOR=[[1.25]],
+        SpecularTint=[[[1.0, 0.5, 0.25]]],
+    )
+    maps = read_input(tmp_path)
+    assert maps.size == (4, 6)
+    np.testing.assert_array_equal(maps.base_color, base.astype(np.float16))
+    np.testing.assert_array_equal(maps.metallic, metallic.astype(np.float16))
+    assert (maps.roughness == 0.25).all()
+    assert (maps.specular == 0.75).all()
+    assert (maps.ior == 1.25).all()
+    assert (maps.specular_tint == np.float32([1, 0.5, 0.25])).all()
+
+
+def test_constants_alone_are_a_uniform_material_of_any_size(tmp_path: Path) -> None:
+    write_maps(tmp_path, BaseColor=[[[0.5, 0.25, 0.125]]], Roughness=[[0.25]])
+    for size in (None, 256):
+        maps = read_input(tmp_path, size=size)
+        assert maps.uniform
+        assert maps.base_color.tolist() == [[[0.5, 0.25, 0.125]]]
+        assert maps.metallic.shape == (1, 1)
+
+
+def test_torrance_sparrow_folder(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    kd, ks, alpha = rng.random((5, 3, 3)), rng.random((5, 3, 3)), rng.random((5, 3))
+    write_maps(tmp_path, kd=kd, ks=ks, alpha=alpha)
+    save(tmp_path / "preview_color.png")
+    maps = read_input(tmp_path)
+    assert isinstance(maps, TorranceSparrowMaps)
+    np.testing.assert_array_equal(maps.kd, kd.astype(np.float16))
+    np.testing.assert_array_equal(maps.ks, ks.astype(np.float16))
+    np.testing.assert_array_equal(maps.alpha, alpha.astype(np.float16))
+    assert set(hash_input(tmp_path)) == {"kd.exr", "ks.exr", "alpha.exr"}
+    (tmp_path / "alpha.exr").unlink()
+    refused(tmp_path, r"lacks alpha\.exr")
+    (tmp_path / "ks.exr").unlink()
+    refused(tmp_path, r"lacks ks\.exr and alpha\.exr")
+
+
+def test_measured_material(data_folder: Path) -> None:
+    path = data_folder / "bsdf" / "ilm_l3_37_matte_rgb.bsdf"
+    brdf = read_input(path)
+    assert isinstance(brdf, MeasuredBRDF)
+    assert brdf.name == "ilm_l3_37_matte_rgb"
+    assert hash_input(path) == {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
+
+
+def test_smaller_maps_are_brought_to_the_largest(tmp_path: Path) -> None:
+    save(tmp_path / "x_color.png", size=(16, 32))
+    Image.fromarray(np.array([[0, 255]], np.uint8)).save(tmp_path / "x_roughness.png")
+    maps = read_input(tmp_path)
+    assert maps.roughness.shape == (16, 32)
+    assert maps.roughness[0, 0] == 0
+    assert maps.roughness[0, -1] == 1
+
+
+@pytest.mark.parametrize(
+    ("size", "shape"), [(16, (8, 16)), (64, (32, 64)), (1, (1, 1)), (None, (16, 32))]
+)
+def test_size_is_the_longer_side(tmp_path: Path, size: int | None, shape: tuple[int, int]) -> None:
+    save(tmp_path / "x_color.png", size=(16, 32))
+    save(tmp_path / "x_roughness.png", size=(8, 16))
+    assert read_input(tmp_path, size=size).size == shape
+
+
+@pytest.mark.parametrize("size", [0, -5, 16385])
+def test_impossible_sizes_are_usage_errors(tmp_path: Path, size: int) -> None:
+    save(tmp_path / "x_color.png")
+    with pytest.raises(UsageError, match=str(size)):
+        read_input(tmp_path, size=size)
+
+
+def test_maps_of_different_shapes_are_refused(tmp_path: Path) -> None:
+    save(tmp_path / "x_color.png", size=(16, 32))
+    save(tmp_path / "x_roughness.png", size=(32, 32))
+    refused(tmp_path, r"x_color\.png has 32 x 16 pixels and x_roughness\.png 32 x 32")
+
+
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [(np.nan, "NaN or infinite"), (np.inf, "NaN or infinite"), (-0.25, "negative")],
+)
+def test_texels_that_cannot_be_are_counted(tmp_path: Path, value: float, what: str) -> None:
+    base = np.full((4, 5, 3), 0.5)
+    rough = np.full((4, 5), 0.5)
+    header_less = write_maps(tmp_path, BaseColor=base)
+    rough[1, 2] = rough[3, 3] = value
+    raw_exr(tmp_path / "Roughness.exr", {"Y": rough})
+    refused(
+        header_less, rf"Roughness\.exr has 2 texels that are {what}, the first in row 1, column 2"
+    )
+    (tmp_path / "Roughness.exr").unlink()
+    base[0, 4, 1] = value
+    raw_exr(tmp_path / "BaseColor.exr", {"RGB": base})
+    refused(tmp_path, rf"BaseColor\.exr has 1 texels that are {what}, the first in row 0, column 4")
+
+
+def raw_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
+    import OpenEXR
+
+    half = {name: np.ascontiguousarray(pixels, np.float16) for name, pixels in channels.items()}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, half).write(str(path))
+
+
+def test_metallic_and_roughness_end_at_one(tmp_path: Path) -> None:
+    write_maps(tmp_path, BaseColor=[[[2.0, 0.5, 0.5]]], Metallic=[[1.5]], Roughness=[[3.0]])
+    maps = read_input(tmp_path)
+    assert maps.metallic.item() == 1
+    assert maps.roughness.item() == 1
+    assert maps.base_color[0, 0, 0] == 2
+
+
+def test_paths_that_lead_to_no_material(tmp_path: Path) -> None:
+    refused(tmp_path / "absent", "cannot be read")
+    refused(Path("with\0zero"), "cannot be read")
+    refused(tmp_path, "no base colour")
+    (tmp_path / "x.fbx").write_text("")
+    refused(tmp_path / "x.fbx", "not a material that can be read")
+    refused(Path("/dev/null"), "not a material that can be read")
+    save(tmp_path / "only_roughness.png")
+    refused(tmp_path, "no base colour")
+    (tmp_path / "x.bsdf").write_text("")
+    refused(tmp_path / "x.bsdf", r"x\.bsdf")
+    (tmp_path / "x.BINARY").write_text("")
+    refused(tmp_path / "x.BINARY", r"x\.BINARY")
+    with pytest.raises(InputError):
+        hash_input(tmp_path / "absent")
+
+
+def test_a_broken_image_is_named(tmp_path: Path) -> None:
+    save(tmp_path / "x_color.png")
+    (tmp_path / "x_roughness.png").write_bytes(b"not a picture")
+    refused(tmp_path, r"x_roughness\.png is damaged or not an image")
+
+
+def test_links_that_loop_leave_or_hang_are_refused(tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "set", tmp_path / "elsewhere.png"
+    folder.mkdir()
+    save(elsewhere)
+    (folder / "loop").symlink_to(folder / "loop")
+    refused(folder / "loop", "cannot be read")
+    (folder / "x_color.png").symlink_to(folder / "x_color.png")
+    refused(folder, r"x_color\.png is a link that leads nowhere")
+    (folder / "x_color.png").unlink()
+    (folder / "x_color.png").symlink_to(elsewhere)
+    refused(folder, r"x_color\.png is a link out of its folder")
+    (folder / "x_color.png").unlink()
+    os.mkfifo(folder / "x_color.png")
+    refused(folder, r"x_color\.png is not a file")
+    (folder / "x_color.png").unlink()
+    save(folder / "x_color.png")
+    (tmp_path / "link").symlink_to(folder)
+    assert read_input(tmp_path / "link").size == (8, 8)
+
+
+def test_hashes_follow_the_content(tmp_path: Path) -> None:
+    save(tmp_path / "x_color.png")
+    save(tmp_path / "x_normal.png")
+    before = hash_input(tmp_path)
+    assert before == {
+        "x_color.png": hashlib.sha256((tmp_path / "x_color.png").read_bytes()).hexdigest()
+    }
+    save(tmp_path / "x_color.png", 129)
+    assert hash_input(tmp_path) != before
