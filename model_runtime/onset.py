@@ -58,7 +58,7 @@ class _Growth:
 _PROCESSES = {
     "rust": _Growth(
         nuclei=700, clusters=(3, 3), cluster_delay=0.08, birth_spread=0.06,
-        across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.02, gain=0.75,
+        across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.022, gain=0.82,
     ),
     "patina": _Growth(
         nuclei=60, clusters=(3, 4), cluster_delay=0.6, birth_spread=0.2,
@@ -120,7 +120,7 @@ def fractal_noise(
     """Sum of octaves of smooth noise, roughly -1 to 1 in the first octave: float32 [H, W].
 
     `cells` counts the first octave's noise cells (down, across) on a tile with a side of 1; each
-    octave doubles them and multiplies the amplitude by `gain`. Octaves end at cells of two texels,
+    octave doubles them and multiplies the amplitude by `gain`. Octaves end at cells of one texel,
     or after `octaves`. Coarse octaves are drawn first, so a larger map only adds detail.
     """
     height, width = shape
@@ -131,7 +131,7 @@ def fractal_noise(
         rows = max(1, round(cells[0] * scale * height / longer))
         columns = max(1, round(cells[1] * scale * width / longer))
         octave = rng.spawn(1)[0]
-        if max(cells) * scale > longer / 2 and scale > 1.0:
+        if max(cells) * scale > longer and scale > 1.0:
             break
         lattice = octave.uniform(-1.7, 1.7, (rows, columns))
         total += np.float32(amplitude) * _spline(lattice, shape, tileable)
@@ -141,23 +141,28 @@ def fractal_noise(
 
 
 def _spline(lattice: NDArray[np.floating], shape: tuple[int, int], tileable: bool) -> Array:
-    """Cubic B-spline through a lattice of cell-centred values, at texel centres: float32 [H, W]."""
+    """Cubic B-spline over a lattice of cell-centred values, by texel: float32 [H, W]."""
     values = lattice.astype(np.float32)
     for axis in (0, 1):
         cells, texels = values.shape[axis], shape[axis]
-        position = (np.arange(texels) + 0.5) * (cells / texels) - 0.5
-        cell = np.floor(position).astype(np.int64)
-        u = (position - cell).astype(np.float32)
-        weights = (
-            (1 - u) ** 3 / 6,
-            (3 * u**3 - 6 * u**2 + 4) / 6,
-            (-3 * u**3 + 3 * u**2 + 3 * u + 1) / 6,
-            u**3 / 6,
-        )
+        # Where cells are only a few texels wide, a texel shows their average over its area.
+        within = (0.25, 0.75) if 4 * cells > texels else (0.5,)
         result: Array | float = 0.0
-        for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
-            index = (cell + offset) % cells if tileable else np.clip(cell + offset, 0, cells - 1)
-            result = result + np.take(values, index, axis) * np.expand_dims(weight, 1 - axis)
+        for place in within:
+            position = (np.arange(texels) + place) * (cells / texels) - 0.5
+            cell = np.floor(position).astype(np.int64)
+            u = (position - cell).astype(np.float32)
+            weights = (
+                (1 - u) ** 3 / 6,
+                (3 * u**3 - 6 * u**2 + 4) / 6,
+                (-3 * u**3 + 3 * u**2 + 3 * u + 1) / 6,
+                u**3 / 6,
+            )
+            for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
+                index = cell + offset
+                index = index % cells if tileable else np.clip(index, 0, cells - 1)
+                share = np.expand_dims(weight / len(within), 1 - axis)
+                result = result + np.take(values, index, axis) * share
         values = np.asarray(result, np.float32)
     return values
 

@@ -7,7 +7,7 @@ import pytest
 
 from model_runtime.errors import InputError, OutputError
 from training.data.kinetics import PROCESSES, history
-from training.data.sequences import read_sequence
+from training.data.sequences import Sequence, read_sequence
 from training.data.weathering import generate, write
 
 MATERIALS = {
@@ -138,6 +138,11 @@ def test_a_written_folder_reads_back(tmp_path):
     for name in ("kd", "ks", "alpha", "onset"):  # stored as half floats: 11 bits
         np.testing.assert_allclose(getattr(read, name), getattr(made, name), rtol=1e-3, atol=1e-6)
     np.testing.assert_array_equal(read.times, made.times)
+
+    write("char", tmp_path / "a" / "char", size=12, frames=3, seed=5)
+    shorter = read_sequence(tmp_path / "a" / "char")
+    assert isinstance(shorter, Sequence)
+    assert len(shorter.times) == 3
 
 
 def test_what_cannot_be_made_is_refused(tmp_path):

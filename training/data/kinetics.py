@@ -140,12 +140,13 @@ PROCESSES: dict[str, Callable[[_State, Array], _State]] = {
 
 def _avrami(age: Array, tau: ArrayLike, k: float) -> Array:
     """Transformed share 1 - exp(-(a / tau)^k) (Avrami 1939)."""
-    return 1 - np.exp(-((age / np.asarray(tau, np.float32)) ** np.float32(k)))
+    share = 1 - np.exp(-((age / np.asarray(tau, np.float32)) ** np.float32(k)))
+    return np.asarray(share, np.float32)
 
 
 def _mix(first: ArrayLike, second: ArrayLike, share: ArrayLike) -> Array:
     a, b, s = (np.asarray(v, np.float32) for v in (first, second, share))
-    return a + (b - a) * s
+    return np.asarray(a + (b - a) * s, np.float32)
 
 
 def _rgb(*values: float) -> Array:

@@ -64,6 +64,8 @@ def write(
 ) -> Sequence:
     """Generate a sequence and write it as a folder that `read_sequence` reads; returns it.
 
+    Frames of an earlier sequence in that folder are replaced.
+
     Files: `kd_0001.exr ks_0001.exr alpha_0001.exr ...`, `onset.exr` and `sequence.json` (its times
     and how it was made). Raises `InputError` as `generate` does, `OutputError` where the folder
     cannot be written.
@@ -76,9 +78,11 @@ def write(
     }  # fmt: skip
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for k in range(frames):
-            for name in ("kd", "ks", "alpha"):
-                write_exr(folder / f"{name}_{k + 1:04d}.exr", getattr(sequence, name)[k])
+        for name in ("kd", "ks", "alpha"):
+            for earlier in folder.glob(f"{name}_*.exr"):
+                earlier.unlink()
+            for k, pixels in enumerate(getattr(sequence, name), start=1):
+                write_exr(folder / f"{name}_{k:04d}.exr", pixels)
         assert sequence.onset is not None
         write_exr(folder / "onset.exr", sequence.onset)
         (folder / "sequence.json").write_text(json.dumps(made, indent=1), encoding="utf-8")
