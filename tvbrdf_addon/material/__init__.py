@@ -1,0 +1,1 @@
+"""Between Blender's materials and maps: reads and bakes them, binds aged ones, reverts, freezes."""

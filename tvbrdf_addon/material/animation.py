@@ -1,0 +1,148 @@
+"""Keys and drivers of a node tree, the same way in Blender 4.2 to 5.x."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import bpy
+
+__all__ = (
+    "TAG",
+    "AnimationBefore",
+    "channels",
+    "drive_by_age",
+    "key",
+    "own_action",
+    "remove_keys",
+)
+
+TAG = "tvbrdf"
+"""The custom property that marks what ageing added to a file: nodes, images, actions."""
+
+
+@dataclass(frozen=True)
+class AnimationBefore:
+    """The animation data of a node tree before ageing touched it."""
+
+    existed: bool
+    action: str | None = None
+    slot: str | None = None
+    last_slot: str = ""
+
+    @classmethod
+    def of(cls, tree: bpy.types.NodeTree) -> AnimationBefore:
+        data = tree.animation_data
+        if data is None:
+            return cls(existed=False)
+        slot = getattr(data, "action_slot", None)
+        return cls(
+            existed=True,
+            action=data.action.name if data.action else None,
+            slot=slot.identifier if slot else None,
+            last_slot=getattr(data, "last_slot_identifier", ""),
+        )
+
+    def claim(self, tree: bpy.types.NodeTree) -> None:
+        """Marks an action that ageing gave the tree, so that it is known to be ours later."""
+        if self.action is None and tree.animation_data and tree.animation_data.action:
+            tree.animation_data.action[TAG] = 1
+
+    def restore(self, tree: bpy.types.NodeTree) -> None:
+        """Puts back the action that was there; one of ours with nothing left in it goes."""
+        data = tree.animation_data
+        if data is None:
+            return
+        action = data.action
+        original = bpy.data.actions.get(self.action) if self.action else None
+        if action and TAG in action and (original or not len(channels(tree))):
+            _assign(data, original, self.slot)
+            if action.users - action.use_fake_user == 0:
+                bpy.data.actions.remove(action)
+        if hasattr(data, "last_slot_identifier") and data.action is None:
+            data.last_slot_identifier = self.last_slot
+        if not self.existed and not (data.action or data.drivers or data.nla_tracks):
+            tree.animation_data_clear()
+
+
+def own_action(tree: bpy.types.NodeTree, *, mark: bool = False) -> None:
+    """Gives the tree a copy of an action that it shares, so that no other tree is touched.
+
+    With `mark` the copy is known to be ours, and `AnimationBefore.restore` takes it away again.
+    """
+    data = tree.animation_data
+    if data is None or data.action is None:
+        return
+    if data.action.users - data.action.use_fake_user > 1:
+        slot = getattr(data, "action_slot", None)
+        identifier = slot.identifier if slot else None
+        _assign(data, data.action.copy(), identifier)
+        if mark:
+            data.action[TAG] = 1
+
+
+def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, slot: str | None) -> None:
+    data.action = action
+    if action and slot and hasattr(data, "action_slot"):
+        data.action_slot = next(each for each in action.slots if each.identifier == slot)
+
+
+def channels(tree: bpy.types.NodeTree) -> Sequence[bpy.types.FCurve]:
+    """The F-curves that animate a node tree: Blender's own collection, or nothing."""
+    data = tree.animation_data
+    if data is None or data.action is None:
+        return ()
+    if not hasattr(data, "action_slot"):  # 4.2, 4.3
+        return data.action.fcurves
+    for layer in data.action.layers:
+        for strip in layer.strips:
+            bag = strip.channelbag(data.action_slot) if data.action_slot else None
+            if bag is not None:
+                return bag.fcurves
+    return ()
+
+
+def key(
+    socket: bpy.types.NodeSocket, values: Sequence[float | Sequence[float]], at: Sequence[float]
+) -> None:
+    """Keys `socket.default_value` to `values` at the frames `at`, straight from key to key."""
+    for value, frame in zip(values, at, strict=True):
+        socket.default_value = value
+        socket.keyframe_insert("default_value", frame=frame)
+    path = socket.path_from_id("default_value")
+    for curve in channels(socket.id_data):
+        if curve.data_path == path:
+            for point in curve.keyframe_points:
+                point.interpolation = "LINEAR"
+
+
+def remove_keys(tree: bpy.types.NodeTree, path: str) -> None:
+    """Takes away the F-curves of a property."""
+    curves = channels(tree)
+    for curve in [each for each in curves if each.data_path == path]:
+        curves.remove(curve)
+
+
+def drive_by_age(
+    node: bpy.types.ShaderNodeTexImage, age: bpy.types.NodeSocket, frames: int
+) -> None:
+    """Makes an image sequence show file number 1 + round(age (frames - 1)), whatever the frame.
+
+    The expression is a simple one: Blender evaluates it without Python, so it also works in a file
+    whose scripts may not run.  A cyclic sequence of length 1 is at its only frame at any time.
+    """
+    user = node.image_user
+    user.frame_start = 1
+    user.frame_duration = 1
+    user.use_cyclic = True
+    user.use_auto_refresh = True
+    driver = user.driver_add("frame_offset").driver
+    variable = driver.variables.new()
+    variable.name = "age"
+    target = variable.targets[0]
+    target.id_type = "NODETREE"
+    target.id = node.id_data
+    target.data_path = age.path_from_id("default_value")
+    driver.type = "SCRIPTED"
+    driver.expression = f"round(clamp(age) * {frames - 1})"
+    assert driver.is_simple_expression

@@ -1,0 +1,95 @@
+"""Whether a material can be aged, and if not, why, in one sentence.  Cheap: panels call it."""
+
+from __future__ import annotations
+
+import bpy
+
+from .record import is_aged
+from .space import choose_space
+from .trace import SOCKETS, find_principled, input_socket, resolve, upstream
+
+__all__ = ("why_no_uv", "why_not")
+
+_NAMES = {
+    "MIX_SHADER": "a Mix Shader",
+    "ADD_SHADER": "an Add Shader",
+    "GROUP": "a node group",
+    "EMISSION": "an Emission shader",
+    "BSDF_DIFFUSE": "a Diffuse BSDF",
+    "BSDF_GLOSSY": "a Glossy BSDF",
+}
+
+
+def why_not(
+    material: bpy.types.Material | None,
+    obj: bpy.types.Object | None,
+    *,
+    owner: bpy.types.Material | None = None,
+) -> str | None:
+    """One sentence why `material` on `obj` cannot be aged, or None if it can.
+
+    Where `material` is a temporary copy, `owner` is the material that it stands for.  Looks at
+    nothing but nodes and UV layers; that an image on disk is broken or that UVs leave the
+    unit square is found by `read`.
+    """
+    if material is None:
+        return "There is no material to age: give the object one."
+    owner = owner or material
+    name = f"“{owner.name}”"
+    if material.library or material.override_library:
+        return f"{name} is linked from another file: use Object > Relations > Make Local first."
+    if material.is_grease_pencil:
+        return f"{name} is a Grease Pencil material, which has no surface to age."
+    if material.node_tree is None or not (bpy.app.version >= (5, 0) or material.use_nodes):
+        return f"{name} does not use nodes: turn on Use Nodes and connect a Principled BSDF."
+    if is_aged(material):
+        return None
+    return _why_not_surface(material, name) or _why_not_sockets(material, obj, owner)
+
+
+def _why_not_surface(material: bpy.types.Material, name: str) -> str | None:
+    wanted = "connect a Principled BSDF directly to the Material Output."
+    try:
+        _, node = find_principled(material)
+    except LookupError:
+        return f"{name} has no Material Output: add one and {wanted}"
+    if node is None:
+        return f"Nothing is connected to the surface of {name}: {wanted}"
+    if node.type == "BSDF_PRINCIPLED":
+        return f"The Principled BSDF of {name} is muted: unmute it." if node.mute else None
+    found = _NAMES.get(node.type, f"the node {node.bl_label}")
+    return f"The surface of {name} is {found}, which cannot be aged: {wanted}"
+
+
+def _why_not_sockets(
+    material: bpy.types.Material, obj: bpy.types.Object | None, owner: bpy.types.Material
+) -> str | None:
+    name = f"“{owner.name}”"
+    _, principled = find_principled(material)
+    sockets = [input_socket(principled, each) for each in SOCKETS.values()]
+    for socket in sockets:
+        for node, _ in upstream(socket):
+            if node.type == "TEX_IMAGE" and node.image is None:
+                return f"The Image Texture “{node.name}” of {name} has no image: choose one."
+            if node.type == "TEX_IMAGE" and node.image.source == "TILED":
+                return (
+                    f"The image “{node.image.name}” of {name} has UDIM tiles, which cannot be "
+                    "aged: join them into one image."
+                )
+    space = choose_space(principled)
+    textured = space.kind == "uniform" and material.tvbrdf.onset != "none"
+    return why_no_uv(owner, obj) if space.reads_uv or textured else None
+
+
+def why_no_uv(material: bpy.types.Material, obj: bpy.types.Object | None) -> str | None:
+    """Why `obj` offers no UV map for textures of the material, or None if it does."""
+    name = f"“{material.name}”"
+    if obj is None:
+        return f"{name} has to become a texture: select an object that uses it."
+    if all(slot.material != material for slot in obj.material_slots):
+        return f"“{obj.name}” does not use {name}: select an object that does."
+    if obj.type != "MESH":
+        return f"“{obj.name}” is no mesh, so it has no UVs: use Object > Convert > Mesh."
+    if not obj.data.uv_layers:
+        return f"The mesh of “{obj.name}” has no UV map: unwrap it (UV > Smart UV Project)."
+    return None

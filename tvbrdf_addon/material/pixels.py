@@ -1,0 +1,100 @@
+"""Between Blender's images and arrays: float32, linear, row 0 at the top."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MaterialError
+
+__all__ = ("image_pixels", "linear_color", "read_exr_texel", "resampled", "write_exr")
+
+Array = NDArray[np.float32]
+
+LUMINANCE = np.array((0.2126, 0.7152, 0.0722), np.float32)
+"""Rec.709 luminance: what Cycles makes of a colour that feeds a number."""
+
+
+def image_pixels(image: bpy.types.Image) -> Array:
+    """An image's raw pixels [H, W, 4], in its own colour space if it has 8 bits, linear if more."""
+    width, height = image.size
+    pixels = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    return pixels.reshape(height, width, 4)[::-1]
+
+
+def linear_color(image: bpy.types.Image, *, alpha_linked: bool) -> Array:
+    """The colour [H, W, 3] that an Image Texture gives, texel by texel.
+
+    Images of more than 8 bits are linear as soon as they are loaded.  Where the node's alpha is
+    not used, Blender multiplies it into the colour, unless the image's alpha mode says otherwise.
+    """
+    pixels = image_pixels(image)
+    color = pixels[..., :3]
+    if not image.is_float and image.colorspace_settings.name == "sRGB":
+        color = _srgb_to_linear(color)
+    if image.alpha_mode == "STRAIGHT" and not image.is_float and not alpha_linked:
+        color = color * pixels[..., 3:]
+    return np.ascontiguousarray(color)
+
+
+def _srgb_to_linear(color: Array) -> Array:
+    """IEC 61966-2-1."""
+    high = ((np.maximum(color, 0.04045) + 0.055) / 1.055) ** 2.4
+    return np.where(color <= 0.04045, color / 12.92, high).astype(np.float32)
+
+
+def resampled(pixels: Array, size: tuple[int, int]) -> Array:
+    """The map at another size (height, width), bilinear between texel centres, tiling."""
+    for axis, length in enumerate(size):
+        old = pixels.shape[axis]
+        if old == length:
+            continue
+        at = (np.arange(length, dtype=np.float64) + 0.5) * old / length - 0.5
+        low = np.floor(at).astype(int)
+        shape = [1] * pixels.ndim
+        shape[axis] = length
+        weight = (at - low).astype(np.float32).reshape(shape)
+        first, second = (np.take(pixels, (low + i) % old, axis=axis) for i in (0, 1))
+        pixels = first * (1 - weight) + second * weight
+    return pixels
+
+
+def write_exr(path: Path, pixels: Array) -> None:
+    """Writes a map [H, W] or [H, W, 3] as a 32-bit float EXR, by Blender's own image code."""
+    height, width = pixels.shape[:2]
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = pixels if pixels.ndim == 3 else pixels[..., None]
+    image = bpy.data.images.new(
+        path.stem, width, height, alpha=False, float_buffer=True, is_data=True
+    )
+    try:
+        image.pixels.foreach_set(rgba[::-1].ravel())
+        image.filepath_raw = str(path)
+        image.file_format = "OPEN_EXR"
+        image.save()
+    except RuntimeError as error:
+        raise MaterialError(
+            f"{path} cannot be written ({str(error).strip()}).",
+            "Choose a folder that can be written to, with room left on its disk.",
+        ) from error
+    finally:
+        bpy.data.images.remove(image)
+
+
+def read_exr_texel(path: Path) -> tuple[float, float, float]:
+    """The colour of the only texel of a 1 x 1 EXR (a number comes as three equal ones)."""
+    image = bpy.data.images.load(str(path), check_existing=False)
+    try:
+        image.colorspace_settings.name = "Non-Color"
+        if tuple(image.size) != (1, 1):
+            raise MaterialError(
+                f"{path} is not the 1 x 1 map of a uniform material.", "Age the material again."
+            )
+        red, green, blue = image_pixels(image)[0, 0, :3].tolist()
+        return red, green, blue
+    finally:
+        bpy.data.images.remove(image)

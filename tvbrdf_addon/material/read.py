@@ -1,0 +1,247 @@
+"""Reads a material into maps that the worker understands, and leaves the scene as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..errors import MaterialError
+from ..properties import frame_range
+from .bake import Target, bake_sockets
+from .check import why_not
+from .pixels import LUMINANCE, Array, linear_color, resampled, write_exr
+from .revert import revert
+from .space import Sampling, Space, choose_space, is_constant, is_direct
+from .trace import SOCKETS, find_principled, input_socket, is_animated, resolve, upstream
+from .unwrap import active_uv_map, check_unwrapped, overlaps
+
+__all__ = ("Reading", "read")
+
+_VIEW_NODES = ("FRESNEL", "LAYER_WEIGHT", "CAMERA", "LIGHT_PATH", "SHADERTORGB")
+_VIEW_OUTPUTS = ("Incoming", "Camera", "Window", "Reflection", "Parametric", "Backfacing")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What was read.  `size` is (height, width), (1, 1) where every map is one texel.
+
+    `uv_map` names the UV map that the maps were baked to (None: they are not in UV space), and
+    `sampling` says how textures made from them are looked up.  `warnings` are sentences.
+    """
+
+    size: tuple[int, int]
+    uniform: bool
+    uv_map: str | None
+    warnings: tuple[str, ...]
+    sampling: Sampling = Sampling()
+
+
+def read(
+    *,
+    material: bpy.types.Material,
+    obj: bpy.types.Object | None,
+    scene: bpy.types.Scene,
+    folder: Path,
+    size: int,
+    frame: int | None = None,
+) -> Reading:
+    """Writes `BaseColor.exr`, `Metallic.exr`, ... (float, linear; 1 x 1 where constant).
+
+    `folder` must exist.  `size` in pixels is used where something has to be baked.  What is
+    animated is read at `frame`, by default the first of the material's range.  A material that is already
+    aged is read as it was before.  Raises `MaterialError`.
+    """
+    frame = frame_range(material, scene)[0] if frame is None else frame
+    with _original(material) as copy:
+        reason = why_not(copy, obj, owner=material)
+        if reason:
+            raise MaterialError(reason)
+        _, principled = find_principled(copy)
+        space = choose_space(principled)
+        sockets = {name: input_socket(principled, each) for name, each in SOCKETS.items()}
+        warnings = _warnings(sockets, space, material, frame)
+        for socket in sockets.values():
+            _check_images(socket)
+        maps = {
+            name: _constant(socket, frame) for name, socket in sockets.items() if is_constant(socket)
+        }
+        direct = {
+            name: _image_map(socket)
+            for name, socket in sockets.items()
+            if space.kind == "texture" and is_direct(socket)
+        }
+        shape = _shape(space, direct, size)
+        maps |= {name: resampled(pixels, shape) for name, pixels in direct.items()}
+        rest = [name for name in sockets if name not in maps]
+        uv_map = active_uv_map(obj) if space.kind == "uv" else None
+        if rest:
+            warnings += _bake(maps, rest, copy, material, obj, uv_map, shape, frame)
+    for name, pixels in maps.items():
+        write_exr(folder / f"{name}.exr", _bounded(name, pixels))
+    sampling = Sampling.of(space.images[0]) if space.kind == "texture" else Sampling()
+    return Reading(shape, space.kind == "uniform", uv_map, tuple(warnings), sampling)
+
+
+@contextmanager
+def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
+    """A copy of the material as it was before any ageing, to read from and to bake with."""
+    copy = material.copy()
+    try:
+        revert(copy)
+        yield copy
+    finally:
+        data = copy.node_tree.animation_data if copy.node_tree else None
+        action = data.action if data else None
+        bpy.data.materials.remove(copy)
+        if action and action.users == 0:
+            bpy.data.actions.remove(action)
+
+
+def _shape(space: Space, direct: dict[str, Array], size: int) -> tuple[int, int]:
+    """The maps' size: that of the largest image read as it is, else the size that was asked for."""
+    if space.kind == "uniform":
+        return (1, 1)
+    if direct:
+        return max((each.shape[:2] for each in direct.values()), key=lambda hw: hw[0] * hw[1])
+    if space.kind == "texture":
+        width, height = max((node.image.size for node in space.images), key=lambda wh: wh[0])
+        longer = max(width, height)
+        return max(1, round(size * height / longer)), max(1, round(size * width / longer))
+    return (size, size)
+
+
+def _constant(socket: bpy.types.NodeSocket, frame: int) -> Array:
+    source = resolve(socket)
+    value = np.atleast_1d(np.array(_value_at(source, frame), np.float32))
+    return _converted(socket, value[:3].reshape(1, 1, -1))
+
+
+def _value_at(source: bpy.types.NodeSocket, frame: int) -> list[float]:
+    """A socket's value at a frame: its F-curves there, and elsewhere what it shows now."""
+    from .animation import channels
+
+    value = source.default_value
+    values = list(value) if hasattr(value, "__len__") else [value]
+    path = source.path_from_id("default_value")
+    for curve in channels(source.id_data):
+        if curve.data_path == path and not curve.mute:
+            values[curve.array_index] = curve.evaluate(frame)
+    return values
+
+
+def _image_map(socket: bpy.types.NodeSocket) -> Array:
+    node = resolve(socket).node
+    color = linear_color(node.image, alpha_linked=node.outputs["Alpha"].is_linked)
+    return _converted(socket, color)
+
+
+def _converted(socket: bpy.types.NodeSocket, pixels: Array) -> Array:
+    """Colours [H, W, 3] for colour sockets, numbers [H, W] for others, as Cycles converts them."""
+    if socket.type == "RGBA":
+        return np.broadcast_to(pixels, (*pixels.shape[:2], 3))
+    return pixels @ LUMINANCE if pixels.shape[-1] == 3 else pixels[..., 0]
+
+
+def _bounded(name: str, pixels: Array) -> Array:
+    """The values that the Principled BSDF really uses: it clamps what it is given."""
+    if not np.isfinite(pixels).all():
+        raise MaterialError(
+            f"The {SOCKETS[name]} of the material is not a number in places.",
+            "Look for a division by zero or a broken image among its nodes.",
+        )
+    if name in ("Metallic", "Roughness"):
+        return np.clip(pixels, 0, 1)
+    return np.maximum(pixels, 1e-5 if name == "IOR" else 0)
+
+
+def _bake(
+    maps: dict[str, Array],
+    names: list[str],
+    copy: bpy.types.Material,
+    material: bpy.types.Material,
+    obj: bpy.types.Object | None,
+    uv_map: str | None,
+    shape: tuple[int, int],
+    frame: int,
+) -> list[str]:
+    """Adds baked maps to `maps`; returns warnings."""
+    identifiers = {SOCKETS[name]: name for name in names}
+    target = Target(material)
+    if uv_map is not None:
+        check_unwrapped(obj, material, uv_map, max(shape))
+        target = Target(material, obj, uv_map)
+    baked, coverage = bake_sockets(copy, list(identifiers), target, size=shape, frame=frame)
+    maps |= {identifiers[each]: pixels for each, pixels in baked.items()}
+    warnings = []
+    if uv_map is not None:
+        if not coverage.any():
+            raise MaterialError(
+                f"No face of “{obj.name}” shows “{material.name}”.",
+                "Assign the material to some faces, or select another object.",
+            )
+        if overlaps(obj, material, uv_map, coverage):
+            warnings.append(
+                f"Faces of “{obj.name}” overlap in the UV map “{uv_map}” and will share one "
+                "texture."
+            )
+        others = [
+            each.name
+            for each in bpy.data.objects
+            if each != obj and any(slot.material == material for slot in each.material_slots)
+        ]
+        if others:
+            warnings.append(
+                f"“{material.name}” was baked for “{obj.name}”; {len(others)} more object(s) use "
+                "it and will show the same texture on their own UVs."
+            )
+    return warnings
+
+
+def _warnings(
+    sockets: dict[str, bpy.types.NodeSocket],
+    space: Space,
+    material: bpy.types.Material,
+    frame: int,
+) -> list[str]:
+    """What is lost in reading, a sentence each."""
+    nodes = [pair for socket in sockets.values() for pair in upstream(socket)]
+    found = []
+    view = {n.name for n, out in nodes if n.type in _VIEW_NODES or out in _VIEW_OUTPUTS}
+    if view:
+        found.append(
+            f"“{material.name}” depends on the direction of view ({', '.join(sorted(view))}), "
+            "which a texture cannot: it is baked as seen from straight above."
+        )
+    moving = {n.name for n, _ in nodes if is_animated(n)} | {
+        name for name, socket in sockets.items() if is_animated(resolve(socket))
+    }
+    moving |= {
+        n.name
+        for n, _ in nodes
+        if n.type == "TEX_IMAGE" and n.image and n.image.source in ("SEQUENCE", "MOVIE")
+    }
+    if moving:
+        found.append(
+            f"“{material.name}” is animated ({', '.join(sorted(moving))}): it ages from what it "
+            f"is at frame {frame}."
+        )
+    return found
+
+
+def _check_images(socket: bpy.types.NodeSocket) -> None:
+    for node, _ in upstream(socket):
+        if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or node.image is None:
+            continue
+        image = node.image
+        if image.source in ("FILE", "GENERATED") and not image.has_data:
+            image.update()  # loads it, if it can be
+        if min(image.size) == 0 or (image.source == "FILE" and not len(image.pixels)):
+            raise MaterialError(
+                f"The image “{image.name}” cannot be loaded from {image.filepath or 'nowhere'}.",
+                "Use File > External Data > Find Missing Files, or choose another image.",
+            )

@@ -1,0 +1,123 @@
+"""What ageing changed in a material, kept in the material itself so that Revert can undo it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+
+import bpy
+
+from ..errors import MaterialError
+from .animation import TAG, AnimationBefore
+from .trace import input_socket
+
+__all__ = ("Link", "Record", "SocketBefore", "find", "is_aged", "load", "store", "tagged")
+
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link between two sockets, by the names of their nodes and their identifiers."""
+
+    from_node: str
+    from_socket: str
+    to_node: str
+    to_socket: str
+    muted: bool = False
+
+    @classmethod
+    def of(cls, link: bpy.types.NodeLink) -> Link:
+        return cls(
+            link.from_node.name,
+            link.from_socket.identifier,
+            link.to_node.name,
+            link.to_socket.identifier,
+            link.is_muted,
+        )
+
+
+@dataclass(frozen=True)
+class SocketBefore:
+    """An input socket as it was: its link, or its own value where ageing changed that."""
+
+    node: str
+    socket: str
+    link: Link | None
+    value: float | tuple[float, ...] | None = None
+    keyed: bool = False
+
+    @classmethod
+    def of(cls, socket: bpy.types.NodeSocket, *, value: bool = False) -> SocketBefore:
+        link = Link.of(socket.links[0]) if socket.links else None
+        now = socket.default_value if value else None
+        return cls(
+            socket.node.name,
+            socket.identifier,
+            link,
+            tuple(now) if now is not None and hasattr(now, "__len__") else now,
+        )
+
+
+@dataclass(frozen=True)
+class Record:
+    """Everything that ageing changed in a node tree besides the nodes it added, which are tagged.
+
+    `links` are all links in their order, which Blender keeps and a restored link would lose.
+    `distribution` is the Principled's own, where it was changed.  `frames` is the number of files
+    of each sequence.
+    """
+
+    principled: str
+    frames: int
+    animation: AnimationBefore
+    links: tuple[Link, ...]
+    sockets: tuple[SocketBefore, ...] = field(default=())
+    distribution: str | None = None
+
+    def with_socket(self, before: SocketBefore) -> Record:
+        return replace(self, sockets=(*self.sockets, before))
+
+
+def is_aged(material: bpy.types.Material) -> bool:
+    """Whether the material shows an ageing that `revert` can take away."""
+    return bool(material.tvbrdf.original)
+
+
+def store(material: bpy.types.Material, record: Record) -> None:
+    """Writes the record into the material."""
+    material.tvbrdf.original = json.dumps({"version": _VERSION, **asdict(record)})
+
+
+def load(material: bpy.types.Material) -> Record:
+    """Reads the material's record; `MaterialError` where it is not one that can be understood."""
+    try:
+        data = json.loads(material.tvbrdf.original)
+        if data.pop("version") != _VERSION:
+            raise ValueError("version")
+        animation = AnimationBefore(**data.pop("animation"))
+        links = tuple(Link(**each) for each in data.pop("links"))
+        sockets = tuple(_socket(each) for each in data.pop("sockets"))
+        return Record(animation=animation, links=links, sockets=sockets, **data)
+    except (ValueError, KeyError, TypeError) as error:
+        raise MaterialError(
+            f"What “{material.name}” was before ageing cannot be read ({error}).",
+            "It may have been aged by a newer version of this extension: update it.",
+        ) from error
+
+
+def _socket(data: dict) -> SocketBefore:
+    link = Link(**data.pop("link")) if data["link"] else data.pop("link")
+    value = data.pop("value")
+    return SocketBefore(link=link, value=tuple(value) if isinstance(value, list) else value, **data)
+
+
+def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
+    """The nodes that ageing added."""
+    return [node for node in tree.nodes if TAG in node]
+
+
+def find(tree: bpy.types.NodeTree, before: SocketBefore) -> bpy.types.NodeSocket | None:
+    """The socket that a record speaks of, or None if its node is gone."""
+    node = tree.nodes.get(before.node)
+    return input_socket(node, before.socket) if node else None

@@ -1,0 +1,149 @@
+"""In which space a material's maps live: nowhere (uniform), in its own textures', or in its UVs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import bpy
+
+from .trace import POINTWISE, SOCKETS, input_socket, resolve, signature, upstream
+
+__all__ = ("Sampling", "Space", "choose_space", "is_constant", "is_direct")
+
+_LINEAR = ("Non-Color", "Raw", "Linear", "Linear Rec.709")
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How aged textures are looked up: the way the artist's own images were, or by UV.
+
+    `node` and `socket` name the artist's output socket that feeds Vector; None is plain UV.
+    """
+
+    node: str | None = None
+    socket: str | None = None
+    projection: str = "FLAT"
+    projection_blend: float = 0.0
+    extension: str = "REPEAT"
+    interpolation: str = "Linear"
+
+    @classmethod
+    def of(cls, image_node: bpy.types.ShaderNodeTexImage) -> Sampling:
+        source = resolve(image_node.inputs["Vector"])
+        return cls(
+            node=source.node.name if source.is_output else None,
+            socket=source.identifier if source.is_output else None,
+            projection=image_node.projection,
+            projection_blend=image_node.projection_blend,
+            extension=image_node.extension,
+            interpolation=image_node.interpolation,
+        )
+
+
+@dataclass(frozen=True)
+class Space:
+    """Where the maps of a material live.
+
+    - `uniform`: it is the same everywhere;
+    - `texture`: it varies only through images that are all looked up alike, so its maps are made
+      in the space of those images and tile as they do;
+    - `uv`: anything else, baked to the mesh's UV map.
+    """
+
+    kind: Literal["uniform", "texture", "uv"]
+    images: tuple[bpy.types.ShaderNodeTexImage, ...] = ()
+
+    @property
+    def reads_uv(self) -> bool:
+        """Whether the object's UVs are needed to make the maps or to look them up."""
+        return self.kind == "uv" or any(_looks_up_uv(node) for node in self.images)
+
+
+def choose_space(principled: bpy.types.Node) -> Space:
+    """The most general space in which the material's maps can be made without loss."""
+    sockets = [input_socket(principled, identifier) for identifier in SOCKETS.values()]
+    images: dict[str, bpy.types.ShaderNodeTexImage] = {}
+    derived = False
+    for socket in sockets:
+        if is_constant(socket):
+            continue
+        behind = _images_behind(socket)
+        if behind is None:
+            return Space("uv")
+        derived |= not is_direct(socket)
+        images.update({node.name: node for node in behind})
+    if not images:
+        return Space("uniform")
+    nodes = tuple(images.values())
+    looked_up = {_lookup(node) for node in nodes}
+    if len(looked_up) > 1 or (derived and nodes[0].extension == "CLIP"):
+        return Space("uv")
+    return Space("texture", nodes)
+
+
+def is_constant(socket: bpy.types.NodeSocket) -> bool:
+    """Whether a socket has one value all over: its own, or a plain RGB or Value node's."""
+    source = resolve(socket)
+    return not source.is_output or source.node.type in ("RGB", "VALUE")
+
+
+def is_direct(socket: bpy.types.NodeSocket) -> bool:
+    """Whether a socket shows an image's colour and nothing else, one that can be read as it is."""
+    source = resolve(socket)
+    if not source.is_output or source.node.type != "TEX_IMAGE" or source.name != "Color":
+        return False
+    image = source.node.image
+    if image is None or image.source not in ("FILE", "GENERATED"):
+        return False
+    return image.is_float or image.colorspace_settings.name in ("sRGB", *_LINEAR)
+
+
+def _images_behind(
+    socket: bpy.types.NodeSocket,
+) -> tuple[bpy.types.ShaderNodeTexImage, ...] | None:
+    """The images that a socket is computed from texel by texel; None if position matters too."""
+    found = []
+
+    def walk(at: bpy.types.NodeSocket) -> bool:
+        source = resolve(at)
+        if not source.is_output:
+            return True
+        node = source.node
+        if node.type == "TEX_IMAGE":
+            found.append(node)
+            return True
+        if node.type == "GROUP":
+            inner = (n for s in node.outputs for n in _inside(node, s.identifier))
+            return all(n.type in POINTWISE for n in inner) and all(map(walk, node.inputs))
+        return node.type in POINTWISE and all(map(walk, node.inputs))
+
+    return tuple(found) if walk(socket) else None
+
+
+def _inside(group: bpy.types.Node, identifier: str) -> list[bpy.types.Node]:
+    """The nodes inside a group behind one of its outputs, groups within it left out."""
+    if group.node_tree is None:
+        return []
+    ends = [n for n in group.node_tree.nodes if n.type == "GROUP_OUTPUT" and n.is_active_output]
+    return [
+        node
+        for end in ends
+        for node, _ in upstream(input_socket(end, identifier))
+        if node.type != "GROUP"
+    ]
+
+
+def _lookup(node: bpy.types.ShaderNodeTexImage) -> tuple[object, ...]:
+    blend = node.projection_blend if node.projection == "BOX" else 0.0
+    return (signature(node.inputs["Vector"]), node.projection, blend, node.extension)
+
+
+def _looks_up_uv(node: bpy.types.ShaderNodeTexImage) -> bool:
+    vector = node.inputs["Vector"]
+    if not resolve(vector).is_output:
+        return True
+    return any(
+        each.type == "UVMAP" or (each.type == "TEX_COORD" and output == "UV")
+        for each, output in upstream(vector)
+    )

@@ -1,0 +1,70 @@
+"""Whether a mesh is unwrapped so that it can be baked to."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MaterialError
+
+__all__ = ("active_uv_map", "check_unwrapped", "overlaps")
+
+Array = NDArray[np.float32]
+
+
+def active_uv_map(obj: bpy.types.Object) -> str:
+    """The UV map that is used for rendering."""
+    layers = obj.data.uv_layers
+    return next((each for each in layers if each.active_render), layers[0]).name
+
+
+def check_unwrapped(
+    obj: bpy.types.Object, material: bpy.types.Material, uv_map: str, size: int
+) -> None:
+    """Raises `MaterialError` where the material's faces leave the unit square by half a texel."""
+    uv, _ = _triangles(obj, material, uv_map)
+    if not len(uv):
+        raise MaterialError(
+            f"No face of “{obj.name}” shows “{material.name}”.",
+            "Assign the material to some faces, or select another object.",
+        )
+    if not np.isfinite(uv).all() or uv.min() < -0.5 / size or uv.max() > 1 + 0.5 / size:
+        raise MaterialError(
+            f"The UV map “{uv_map}” of “{obj.name}” reaches outside the square from 0 to 1, and "
+            f"“{material.name}” has to be baked.",
+            "Give the mesh a second UV map that fits (UV > Smart UV Project), mark it for "
+            "rendering, and name the old one in UV Map nodes.",
+        )
+
+
+def overlaps(
+    obj: bpy.types.Object, material: bpy.types.Material, uv_map: str, coverage: Array
+) -> bool:
+    """Whether the material's faces cover more of the square than they leave marked in `coverage`.
+
+    A tenth is allowed for the texels that borders cut.
+    """
+    _, area = _triangles(obj, material, uv_map)
+    return bool(area.sum() > 1.1 * np.count_nonzero(coverage) / coverage.size + 1e-3)
+
+
+def _triangles(
+    obj: bpy.types.Object, material: bpy.types.Material, uv_map: str
+) -> tuple[Array, Array]:
+    """UVs [T, 3, 2] and areas [T] of the triangles that show the material."""
+    mesh = obj.data
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    loops = np.empty(count * 3, np.int32)
+    faces = np.empty(count, np.int32)
+    mesh.loop_triangles.foreach_get("loops", loops)
+    mesh.loop_triangles.foreach_get("material_index", faces)
+    uv = np.empty(len(mesh.loops) * 2, np.float32)
+    mesh.uv_layers[uv_map].data.foreach_get("uv", uv)
+    slots = [i for i, slot in enumerate(obj.material_slots) if slot.material == material]
+    last = len(obj.material_slots) - 1
+    shown = np.isin(np.clip(faces, 0, last), slots)
+    corners = uv.reshape(-1, 2)[loops.reshape(-1, 3)[shown]]
+    (x1, y1), (x2, y2) = (np.moveaxis(corners[:, i] - corners[:, 0], -1, 0) for i in (1, 2))
+    return corners, np.abs(x1 * y2 - x2 * y1) / 2
