@@ -20,7 +20,7 @@ from .images import MAX_SIDE, read_image, resize
 from .maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 from .texture_names import choose_maps
 
-__all__ = ("Material", "hash_input", "read_input")
+__all__ = ("Material", "hash_file", "hash_input", "read_input")
 
 Material = TorranceSparrowMaps | PrincipledMaps | MeasuredBRDF
 
@@ -57,10 +57,10 @@ def hash_input(path: str | Path) -> dict[str, str]:
     """SHA-256 of every file that `read_input` reads, by name: what makes a run repeatable."""
     path = Path(path)
     files = _choose_files(path).values() if _is_folder(path) else (path,)
-    return {file.name: _sha256(file) for file in sorted(set(files))}
+    return {file.name: hash_file(file) for file in sorted(set(files))}
 
 
-def _sha256(path: Path) -> str:
+def hash_file(path: Path) -> str:
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -108,12 +108,18 @@ def read_card(path: Path) -> ModelCard:
             "Update the extension.",
         )
     if path.stat().st_size != start + end:
-        raise ModelFileError(
-            f"{path.name} is truncated or damaged.", "Copy or download it again."
-        )
+        raise ModelFileError(f"{path.name} is truncated or damaged.", "Copy or download it again.")
     texts = {
         key: str(card.get(key, ""))
-        for key in ("name", "title", "description", "process", "representation", "source", "license")
+        for key in (
+            "name",
+            "title",
+            "description",
+            "process",
+            "representation",
+            "source",
+            "license",
+        )
     }
     return ModelCard(
         path=path,

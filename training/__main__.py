@@ -35,6 +35,80 @@ def encoder(
     train_encoder(config=config, output=output, resume=resume, minutes=minutes, seed=seed)
 
 
+@app.command
+def ntm(
+    sequence: Path,
+    encoder: Path,
+    output: Path,
+    name: str,
+    title: str = "",
+    description: str = "",
+    process: str = "",
+    source: str = "",
+    license: str = "",
+    resume: bool = False,
+    minutes: float | None = None,
+    seed: int = 0,
+) -> None:
+    """Train a neural temporal model on a sequence.
+
+    Args:
+        sequence: folder of frames, polynomial coefficients or mixtures.
+        encoder: the encoder whose latents it rolls forward.
+        output: the .safetensors file to write; checkpoints and logs go beside it.
+        name: short name, for `--ntm`.
+        title: what menus show (default: the name).
+        description: one sentence for the artist.
+        process: rust, patina, char, ...: chooses the onset pattern (default: the name).
+        source: where the sequence comes from.
+        license: of the weights.
+        resume: go on from the checkpoints beside the output.
+        minutes: train about this long.
+        seed: of all random numbers.
+    """
+    from .ntm import train_ntm
+
+    card = {
+        "name": name,
+        "title": title or name.capitalize(),
+        "description": description,
+        "process": process or name,
+        "source": source,
+        "license": license,
+    }
+    train_ntm(
+        sequence=sequence,
+        encoder=encoder,
+        output=output,
+        card=card,
+        resume=resume,
+        minutes=minutes,
+        seed=seed,
+    )
+
+
+@app.command
+def weathering(
+    process: tyro.conf.Positional[Literal["rust", "patina", "char"]],
+    output: Path,
+    size: int = 96,
+    frames: int = 36,
+    seed: int = 0,
+) -> None:
+    """Write a procedural weathering sequence, to train an NTM on.
+
+    Args:
+        process: what happens.
+        output: the folder to write.
+        size: texels a side.
+        frames: number of frames.
+        seed: of all random numbers.
+    """
+    from .data import weathering as sequences
+
+    sequences.write(process, output, size=size, frames=frames, seed=seed)
+
+
 def main() -> int:
     """Run the command line; 0 when done, 1 when it failed with a reason."""
     try:

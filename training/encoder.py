@@ -50,7 +50,7 @@ class EncoderConfig:
 CONFIGS = {
     "fast": EncoderConfig(
         representation="lobes",
-        iterations=60_000,
+        iterations=40_000,
         batch=64,
         samples=0,
         targets=384,
@@ -171,7 +171,9 @@ def train_encoder(
         if time.monotonic() - saved > 60:
             saved = time.monotonic()
             record |= {"step": step + 1, "seconds": saved - start}
-            save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
+            save_checkpoint(
+                checkpoint, model=model, optimizer=optimizer, generator=g, record=record
+            )
     record |= {"step": record["iterations"], "seconds": time.monotonic() - start}
     save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
     save_model(

@@ -87,7 +87,9 @@ def evaluate(parameters: DisneyParameters, angles: Tensor) -> Tensor:
     specular = distribution * anisotropic_masking(wi) * anisotropic_masking(wo)
     fresnel = torch.lerp(specular_color, ones, fresnel_d[None, :, None])
 
-    gloss = torch.lerp(torch.full_like(rough, 0.1), torch.full_like(rough, 0.001), column(p.clearcoat_gloss))
+    gloss = torch.lerp(
+        torch.full_like(rough, 0.1), torch.full_like(rough, 0.001), column(p.clearcoat_gloss)
+    )
     g2 = gloss.square()
     coat_distribution = (g2 - 1) / (math.pi * g2.log() * (1 + (g2 - 1) * (1 - sin2_h)))
     coat_fresnel = 0.04 + 0.96 * fresnel_d

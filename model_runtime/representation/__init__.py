@@ -26,7 +26,8 @@ def load_representation(path: Path = ENCODER) -> tuple[nn.Module, str]:
     tensors, card = load_model(path, "encoder")
     if card.name not in _KINDS:
         raise ModelFileError(
-            f"{path.name} holds a representation '{card.name}' unknown here.", "Update the extension."
+            f"{path.name} holds a representation '{card.name}' unknown here.",
+            "Update the extension.",
         )
     model = build(card.name)
     try:

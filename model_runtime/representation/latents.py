@@ -38,6 +38,11 @@ class Representation(Protocol):
 
     name: str
 
+    @property
+    def latent_sizes(self) -> tuple[int, int]:
+        """How many latents the three channels have together, and how many are shared."""
+        ...
+
     def sample_angles(self, m: int) -> Tensor:
         """About `m` directions [m', 3] at which `encode` wants the BRDF."""
         ...

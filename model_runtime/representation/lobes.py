@@ -92,6 +92,11 @@ class LobeRepresentation(nn.Module):
             self.to_shapes[-1].bias[:lobes] = torch.linspace(-3.5, -0.5, lobes)
             self.to_weights[-1].weight[2 + 2 * lobes :].zero_()
 
+    @property
+    def latent_sizes(self) -> tuple[int, int]:
+        """Numbers for the three channels together, and shared ones."""
+        return 3 * self.config.color_latents, self.config.shared_latents
+
     def sample_angles(self, m: int) -> Tensor:
         """The fixed directions, whatever `m`: more would add nothing."""
         return self.encoder_angles
@@ -128,7 +133,14 @@ class LobeRepresentation(nn.Module):
         fresnel = (1 - cos_d).clamp(0, 1) ** 5
         grazing = (1 - cos_i.clamp(0, 1)) ** 5 + (1 - cos_o.clamp(0, 1)) ** 5
         shape = self._lobe_shapes(alpha, tail, angles, cos_i, cos_o)
-        basis = torch.cat((shape, shape * fresnel, torch.stack((fresnel * 0 + 0.1, grazing * 0.1)).expand(n, -1, -1)), 1)
+        basis = torch.cat(
+            (
+                shape,
+                shape * fresnel,
+                torch.stack((fresnel * 0 + 0.1, grazing * 0.1)).expand(n, -1, -1),
+            ),
+            1,
+        )
         order = torch.cat((gains[..., 2:], gains[..., :2]), 2)
         analytic = torch.bmm(order, basis)
         angular = self.basis(self._angular_features(angles, cos_i, cos_o))
@@ -146,7 +158,9 @@ class LobeRepresentation(nn.Module):
         ratio = a2 / (sin2_h + a2 * (1 - sin2_h))
         shape = torch.exp(tail[..., None] * ratio.log()) / (4 * math.pi * a2)
         for cos in (cos_i.clamp(0, 1), cos_o.clamp(0, 1)):
-            shape = shape * 2 / (cos + (cos.square() + a2 * (1 - cos.square())).sqrt().clamp_min(0.02))
+            shape = (
+                shape * 2 / (cos + (cos.square() + a2 * (1 - cos.square())).sqrt().clamp_min(0.02))
+            )
         return shape
 
     @staticmethod

@@ -79,6 +79,11 @@ class PaperRepresentation(nn.Module):
         )
         self.to_color = nn.Linear(hidden, 3)
 
+    @property
+    def latent_sizes(self) -> tuple[int, int]:
+        """Numbers for the three channels together, and shared ones."""
+        return 3, self.config.shared_latents
+
     def sample_angles(self, m: int) -> Tensor:
         """The first `m` of a fixed sequence of directions [m, 3] above the horizon."""
         g = torch.Generator().manual_seed(0)

@@ -58,7 +58,9 @@ class Sphere:
         up = polar.cos()[:, None].expand(height, width)
         flat = polar.sin()[:, None]
         light = torch.stack((flat * turn.sin(), up, -flat * turn.cos()), -1).reshape(-1, 3)
-        solid = (flat.expand(height, width) * (math.pi / height) * (2 * math.pi / width)).reshape(-1)
+        solid = (flat.expand(height, width) * (math.pi / height) * (2 * math.pi / width)).reshape(
+            -1
+        )
         radiance = []
         for name in MAPS:
             image = torch.from_numpy(_read_environment(hdri / f"{name}_1k.hdr", height, width))

@@ -1,0 +1,100 @@
+"""From initial states to their histories, through whichever model of change is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from .brdf.measured import MeasuredBRDF
+from .brdf.torrance_sparrow import evaluate
+from .fit import fit_angles, fit_torrance_sparrow
+from .plan import clamp_parameters
+from .representation.latents import Latents, Representation
+from .temporal.ntm import NeuralTemporalModel
+
+__all__ = ("Histories", "fit_measured", "roll_out")
+
+_CHUNK = 256
+
+
+@dataclass(frozen=True)
+class Histories:
+    """`states` [P, T, 7] (kd, ks, alpha) of P entries at T ages from 0 to 1, and the fit's error.
+
+    Where the states went through latents, states[:, 0] is the entry as the representation sees it,
+    not the entry itself.
+    """
+
+    states: Tensor
+    fit_error: float
+
+
+def fit_measured(brdf: MeasuredBRDF, specular: Literal["rgb", "mono"]) -> tuple[Tensor, float]:
+    """Torrance-Sparrow parameters [1, 7] of a measured BRDF and the relative RMS error of the fit."""
+    fit = fit_torrance_sparrow(brdf.evaluate(fit_angles())[None], specular=specular)
+    return fit.parameters(), float(fit.error[0])
+
+
+def roll_out(
+    entries: Tensor,
+    ntm: NeuralTemporalModel,
+    rung: str,
+    representation: Representation,
+    *,
+    samples: int,
+    specular: Literal["rgb", "mono"] = "rgb",
+    measured: MeasuredBRDF | None = None,
+    step: Callable[[float], None] = lambda fraction: None,
+) -> Histories:
+    """The histories of `entries` [P, 7] under the model of change `rung` of `ntm`.
+
+    Parameters are rolled out as they are. Latents are encoded from `samples` directions of the
+    entries (or of `measured`, then the only entry), rolled out, decoded and fitted at every age.
+    `step` hears which share is done.
+    """
+    model = ntm.rung(rung)
+    parts, errors = [], [0.0]
+    for start, stop in _chunks(len(entries)):
+        chunk = entries[start:stop]
+        if rung == "lstm_latents":
+            latents = _encode(chunk, representation, samples, measured)
+            flat = model.rollout(latents.flat(), ntm.frames)
+            states, error = _decode_and_fit(latents, flat, representation, specular)
+            errors.append(error)
+        else:
+            states = model.rollout(chunk, ntm.frames)
+            if specular == "mono":
+                states[..., 3:6] = states[..., 3:6].mean(-1, keepdim=True)
+        parts.append(clamp_parameters(states))
+        step(stop / len(entries))
+    return Histories(torch.cat(parts), max(errors))
+
+
+def _chunks(count: int) -> Iterator[tuple[int, int]]:
+    for start in range(0, count, _CHUNK):
+        yield start, min(start + _CHUNK, count)
+
+
+def _encode(
+    entries: Tensor, representation: Representation, samples: int, measured: MeasuredBRDF | None
+) -> Latents:
+    angles = representation.sample_angles(samples)
+    if measured is not None:
+        return representation.encode(angles, measured.evaluate(angles)[None])
+    return representation.encode(
+        angles, evaluate(entries[:, :3], entries[:, 3:6], entries[:, 6], angles)
+    )
+
+
+def _decode_and_fit(
+    latents: Latents, flat: Tensor, representation: Representation, specular: Literal["rgb", "mono"]
+) -> tuple[Tensor, float]:
+    """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error of the fit."""
+    angles = fit_angles()
+    decoded = representation.decode(latents.unflat(flat), angles)
+    fit = fit_torrance_sparrow(decoded, angles, specular=specular)
+    return fit.parameters().unflatten(0, flat.shape[:2]), float(fit.error.max())

@@ -1,0 +1,129 @@
+"""How much to model: few distinct BRDFs instead of every texel, few frames instead of all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .brdf.half_angle import above_horizon
+from .brdf.torrance_sparrow import ALPHA_MIN, evaluate
+from .temporal.domain import perceptual
+
+__all__ = (
+    "Palette",
+    "Stored",
+    "appearance_psnr",
+    "build_palette",
+    "clamp_parameters",
+    "stored_frames",
+)
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Distinct initial states `entries` [P, 7] and, for each of n texels, which is its: `index` [n]."""
+
+    entries: Tensor
+    index: Tensor
+
+
+def build_palette(parameters: Tensor, step: float, *, most: int) -> Palette:
+    """Gather texels [n, 7] (kd, ks, alpha) that fall into one cell of a perceptual grid.
+
+    A cell is `step` wide in every perceptual coordinate; its entry is the mean of its texels. The
+    grid is coarsened until at most `most` entries are left. Step 0 keeps each texel to itself.
+    """
+    if step == 0:
+        return Palette(parameters, torch.arange(len(parameters)))
+    place = perceptual(parameters)
+    while True:
+        cells = (place / step + 0.5).floor().long()
+        key = torch.zeros(len(cells), dtype=torch.long)
+        for column in cells.unbind(1):
+            key = key * (int(column.max()) + 1) + column
+        _, index, count = torch.unique(key, return_inverse=True, return_counts=True)
+        if len(count) <= most:
+            break
+        step *= 1.25
+    total = torch.zeros(len(count), 7, dtype=torch.float64)
+    total.index_add_(0, index, parameters.double())
+    return Palette((total / count[:, None]).float(), index)
+
+
+def _views() -> tuple[Tensor, Tensor]:
+    """Directions [M, 3] above the horizon that look on and off the highlight, and their weights."""
+    theta_h = torch.tensor((0.0, 0.03, 0.1, 0.25, 0.5, 0.8))
+    theta_d = torch.tensor((0.2, 0.7, 1.1))
+    grid = torch.stack(
+        torch.meshgrid(theta_h, theta_d, torch.tensor((0.0, 1.6)), indexing="ij"), -1
+    )
+    grid = grid.reshape(-1, 3)
+    grid = grid[above_horizon(grid, margin=0.1)]
+    return grid, torch.full((len(grid),), torch.pi)
+
+
+def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:
+    """PSNR in dB of two lists of states [..., 7], looked at from a fixed set of directions.
+
+    Radiance pi f, so that a white diffuse surface is 1, tone-mapped as in the paper's section 4.2.
+    """
+    angles, weight = _views()
+
+    def look(states: Tensor) -> Tensor:
+        flat = clamp_parameters(states.reshape(-1, 7))
+        f = evaluate(flat[:, :3], flat[:, 3:6], flat[:, 6], angles)
+        return (1 - torch.exp(-2 * f * weight[:, None])).pow(1 / 2.8)
+
+    error = (look(truth) - look(estimate)).square().mean()
+    return float(-10 * error.clamp_min(1e-10).log10())
+
+
+def clamp_parameters(parameters: Tensor) -> Tensor:
+    """[..., 7] with Kd, Ks >= 0 and alpha in [1e-4, 1], as they can be rendered."""
+    albedos, alpha = parameters.split((6, 1), -1)
+    return torch.cat((albedos.clamp_min(0), alpha.clamp(ALPHA_MIN, 1)), -1)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Which frames of a map are kept: frame k is the sum of weight x stored frame over `mix[k]`."""
+
+    frames: tuple[int, ...]
+    mix: tuple[tuple[tuple[int, float], ...], ...]
+
+
+def stored_frames(sample: Tensor, tolerance: float) -> Stored:
+    """Choose the frames from which all others follow by linear interpolation.
+
+    `sample` [T, n, ...] holds one map at n texels; from each stored frame the next one is the
+    farthest such that the interpolated frames between have a PSNR (peak 1) of at least `tolerance`
+    dB. A map that never changes keeps one frame.
+    """
+    last = len(sample) - 1
+    if bool((sample == sample[0]).all()):
+        return Stored((0,), (((0, 1.0),),) * (last + 1))
+
+    def good(start: int, end: int) -> bool:
+        if end - start < 2:
+            return True
+        share = torch.linspace(0, 1, end - start + 1)[1:-1]
+        share = share.reshape(-1, *[1] * (sample.ndim - 1))
+        between = torch.lerp(sample[start][None], sample[end][None], share)
+        error = (sample[start + 1 : end] - between).square().flatten(1).mean(1).max()
+        return float(error) <= 10 ** (-tolerance / 10)
+
+    kept = [0]
+    while kept[-1] < last:
+        end = kept[-1] + 1
+        while end < last and good(kept[-1], end + 1):
+            end += 1
+        kept.append(end)
+    mix: list[tuple[tuple[int, float], ...]] = [((0, 1.0),)]
+    for start, end in zip(kept, kept[1:]):
+        for k in range(start + 1, end):
+            share = (k - start) / (end - start)
+            mix.append(((start, 1 - share), (end, share)))
+        mix.append(((end, 1.0),))
+    return Stored(tuple(kept), tuple(mix))

@@ -1,0 +1,132 @@
+"""Writing a result: staged beside its folder, moved in when it is complete."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from .errors import OutputError
+from .images import write_exr
+from .maps import Pixels
+
+__all__ = ("REPORT", "StagedResult", "check_space")
+
+REPORT = "aged.json"
+
+_ABANDONED_SECONDS = 24 * 3600
+_WRITERS = 2
+_QUEUED = 8
+
+
+def check_space(folder: Path, needed: int) -> None:
+    """Raise OutputError unless the disk of `folder` (which may not exist yet) has `needed` bytes."""
+    existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    free = shutil.disk_usage(existing).free
+    if needed > free:
+        raise OutputError(
+            f"The result may need {needed / 1e6:,.0f} MB and {existing} has {free / 1e6:,.0f} MB left.",
+            "Free some space, choose another folder, a smaller size or fewer frames.",
+        )
+
+
+class StagedResult:
+    """A context that collects EXR files and a report beside `folder`.
+
+    `commit` moves them in, replacing an earlier result of ours and nothing else; leaving the
+    context without it removes what was staged and leaves the earlier result as it was.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.absolute()
+        self._pending: list[Future[None]] = []
+
+    def __enter__(self) -> StagedResult:
+        try:
+            if self.folder.exists() and not self.folder.is_dir():
+                raise OutputError(
+                    f"{self.folder} is a file, not a folder.", "Choose another output folder."
+                )
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
+            self._sweep()
+            staging = tempfile.mkdtemp(prefix=self._prefix, dir=self.folder.parent)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        self._staging = Path(staging)
+        self._pool = ThreadPoolExecutor(_WRITERS)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._pool.shutdown(cancel_futures=True)
+        shutil.rmtree(self._staging, ignore_errors=True)
+
+    def write(self, name: str, pixels: Pixels) -> None:
+        """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or later."""
+        self._settle(_QUEUED)
+        self._pending.append(self._pool.submit(write_exr, self._staging / name, pixels))
+
+    def finish(self) -> None:
+        """Wait until everything queued is written."""
+        self._settle(0)
+
+    def commit(self, report: dict[str, Any]) -> None:
+        """Wait for all files, then move them and `report` (aged.json) into the folder."""
+        self.finish()
+        try:
+            staged = self._staging / REPORT
+            staged.write_text(json.dumps(report, indent=1), encoding="utf-8")
+            self.folder.mkdir(exist_ok=True)
+            before = self._earlier_files()
+            names = sorted(path.name for path in self._staging.iterdir() if path.name != REPORT)
+            for name in names:
+                os.replace(self._staging / name, self.folder / name)
+            for name in before - set(names):
+                (self.folder / name).unlink(missing_ok=True)
+            os.replace(staged, self.folder / REPORT)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    @property
+    def _prefix(self) -> str:
+        return f".{self.folder.name}.partial-"
+
+    def _settle(self, allowed: int) -> None:
+        while len(self._pending) > allowed:
+            self._pending.pop(0).result()
+
+    def _sweep(self) -> None:
+        """Remove what a worker that was killed a day or longer ago left behind."""
+        for path in self.folder.parent.glob(f"{self._prefix}*"):
+            if path.is_dir() and time.time() - path.stat().st_mtime > _ABANDONED_SECONDS:
+                shutil.rmtree(path, ignore_errors=True)
+
+    def _earlier_files(self) -> set[str]:
+        """Names of the EXR files that the report in the folder says are ours; no path is followed."""
+        try:
+            earlier = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
+            listed = [entry for files in earlier["files"].values() for entry in files]
+            names = {
+                name
+                for entry in listed
+                for name in ([entry] if isinstance(entry, str) else [part[0] for part in entry])
+            }
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
+            return set()
+        return {n for n in names if isinstance(n, str) and n == Path(n).name and n.endswith(".exr")}
+
+    def _unwritable(self, error: OSError) -> OutputError:
+        return OutputError(
+            f"The folder {self.folder} cannot be written ({error.strerror}).",
+            "Choose a folder that can be written, with space left.",
+        )

@@ -1,0 +1,96 @@
+"""A neural temporal model as it is stored: a ladder of models of change, a domain and a card."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from ..errors import ModelFileError
+from ..package import ModelCard, load_model
+from .domain import Domain
+from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
+
+__all__ = ("LADDER", "NeuralTemporalModel")
+
+LADDER = ("constant", "affine", "lstm_parameters", "lstm_latents")
+"""The models of change, cheapest first; the last works on latents, the others on parameters."""
+
+
+@dataclass(frozen=True)
+class NeuralTemporalModel:
+    """All rungs trained on one sequence. `chosen` is the cheapest that sufficed in validation."""
+
+    card: ModelCard
+    affine: Affine
+    parameters: ParameterLSTM
+    latents: LatentLSTM
+    domain: Domain
+
+    @property
+    def chosen(self) -> str:
+        return str(self.card.details["temporal_model"])
+
+    @property
+    def frames(self) -> int:
+        return self.card.frames
+
+    def rung(self, name: str) -> TemporalModel:
+        """The model of change called `name` (one of `LADDER`)."""
+        return {
+            "constant": Constant(),
+            "affine": self.affine,
+            "lstm_parameters": self.parameters,
+            "lstm_latents": self.latents,
+        }[name]
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Everything that a file must hold, by name."""
+        return {
+            "affine.gain": self.affine.gain,
+            "affine.offset": self.affine.offset,
+            "domain.centres": self.domain.centres,
+            **{f"parameters.{name}": value for name, value in self.parameters.state_dict().items()},
+            **{f"latents.{name}": value for name, value in self.latents.state_dict().items()},
+        }
+
+    @classmethod
+    def load(cls, path: Path, representation: str) -> NeuralTemporalModel:
+        """Read the NTM in `path`, which must belong to the encoder with hash `representation`.
+
+        Raises ModelFileError for any other, for damage and for newer versions.
+        """
+        tensors, card = load_model(path, "ntm")
+        if card.representation != representation:
+            raise ModelFileError(
+                f"{path.name} belongs to another encoder ({card.representation}, "
+                f"not {representation}).",
+                "Train it again with the encoder of this version.",
+            )
+        try:
+            affine = Affine(tensors["affine.gain"], tensors["affine.offset"])
+            domain = Domain(tensors["domain.centres"], float(card.domain["radius"]))
+            parameters = ParameterLSTM()
+            parameters.load_state_dict(_part(tensors, "parameters."))
+            stored = _part(tensors, "latents.")
+            latents = LatentLSTM(*(len(stored[f"steps.{i}.bias"]) for i in (0, 1)))
+            latents.load_state_dict(stored)
+            if not (
+                affine.gain.shape == affine.offset.shape == (card.frames, 7)
+                and domain.centres.shape[1:] == (7,)
+                and card.details["temporal_model"] in LADDER
+            ):
+                raise ValueError("shapes do not agree")
+        except (KeyError, RuntimeError, ValueError, TypeError) as error:
+            raise ModelFileError(
+                f"{path.name} does not hold what an NTM needs.", "Copy or download it again."
+            ) from error
+        for module in (parameters, latents):
+            module.eval().requires_grad_(False)
+        return cls(card, affine, parameters, latents, domain)
+
+
+def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """The tensors whose names begin with `prefix`, without it."""
+    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}

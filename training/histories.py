@@ -1,0 +1,123 @@
+"""What an NTM learns from: the history of every texel of a sequence, counted from its own onset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from model_runtime.brdf import torrance_sparrow
+from model_runtime.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.representation.latents import Representation
+
+from .data.location import data_folder
+from .data.nbrdf import load
+from .data.sequences import MixtureSequence, Sequence
+
+__all__ = ("SourceHistories", "source_histories")
+
+_MOST_TEXELS = 8192
+_CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class SourceHistories:
+    """N texels at T ages evenly spaced from 0 to 1.
+
+    parameters: [N, T, 7] Torrance-Sparrow states (kd, ks, alpha)
+    latents: [N, T, D] the same encoded, flat
+    observed: [N, T] whether the sequence lasted long enough after the texel's onset to show the age
+    """
+
+    parameters: Tensor
+    latents: Tensor
+    observed: Tensor
+
+    def select(self, rows: Tensor) -> SourceHistories:
+        """Only the texels `rows`."""
+        return SourceHistories(self.parameters[rows], self.latents[rows], self.observed[rows])
+
+
+def source_histories(
+    sequence: Sequence | MixtureSequence, representation: Representation, *, seed: int = 0
+) -> SourceHistories:
+    """The histories in `sequence`: at most 8,192 of its texels, drawn by `seed`."""
+    frames = len(sequence.times)
+    if isinstance(sequence, MixtureSequence):
+        weights = _sampled(sequence.weights.reshape(frames, -1, 1), seed)
+        return _mixture_histories(sequence, weights, representation)
+    flat = np.concatenate(
+        (sequence.kd, sequence.ks, sequence.alpha[..., None]), -1, dtype=np.float32
+    ).reshape(frames, -1, 7)
+    onset = None if sequence.onset is None else sequence.onset.reshape(1, -1, 1)
+    states = _sampled(flat, seed)
+    starts = np.zeros(states.shape[1]) if onset is None else _sampled(onset, seed)[0, :, 0]
+    parameters, observed = align(torch.from_numpy(states), sequence.times, starts)
+    angles = representation.sample_angles(1024)
+
+    def values(states: Tensor) -> Tensor:
+        return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
+
+    return SourceHistories(
+        parameters, _encode(parameters, values, representation, angles), observed
+    )
+
+
+def align(states: Tensor, times: np.ndarray, onset: np.ndarray) -> tuple[Tensor, Tensor]:
+    """Histories [N, T, D] counted from `onset` [N], and which of their ages were observed [N, T].
+
+    `states` [T, N, D] at `times` [T] are interpolated linearly at onset + age; ages beyond the
+    last time repeat it and are not observed.
+    """
+    frames = len(times)
+    ages = torch.linspace(0, 1, frames)
+    wanted = torch.as_tensor(onset, dtype=torch.float32)[:, None] + ages
+    clock = torch.as_tensor(times, dtype=torch.float32)
+    upper = torch.searchsorted(clock, wanted.contiguous()).clamp(1, frames - 1)
+    span = (clock[upper] - clock[upper - 1]).clamp_min(1e-9)
+    share = ((wanted - clock[upper - 1]) / span).clamp(0, 1)[..., None]
+    rows = torch.arange(states.shape[1])[:, None]
+    histories = torch.lerp(states[upper - 1, rows], states[upper, rows], share)
+    histories[:, 0] = states[0]
+    return histories, wanted <= clock[-1] + 1e-6
+
+
+def _sampled(values: np.ndarray, seed: int) -> np.ndarray:
+    """At most `_MOST_TEXELS` columns of [T, n, D], the same ones for the same n and seed."""
+    count = values.shape[1]
+    if count <= _MOST_TEXELS:
+        return values
+    rows = np.sort(np.random.default_rng(seed).choice(count, _MOST_TEXELS, replace=False))
+    return values[:, rows]
+
+
+def _encode(states: Tensor, values, representation: Representation, angles: Tensor) -> Tensor:
+    flat = states.reshape(-1, states.shape[-1])
+    with torch.no_grad():
+        parts = [
+            representation.encode(angles, values(chunk)).flat() for chunk in flat.split(_CHUNK)
+        ]
+    return torch.cat(parts).unflatten(0, states.shape[:2])
+
+
+def _mixture_histories(
+    sequence: MixtureSequence, weights: np.ndarray, representation: Representation
+) -> SourceHistories:
+    measured = load(data_folder(), "merl").select(list(sequence.materials))
+
+    def mixed(angles: Tensor):
+        pure = measured.evaluate(torch.arange(2), angles)
+        return lambda w: torch.lerp(pure[:1], pure[1:], w[..., None])
+
+    share = torch.from_numpy(weights).float().transpose(0, 1).contiguous()
+    angles, wanted = representation.sample_angles(1024), fit_angles()
+    latents = _encode(share, mixed(angles), representation, angles)
+    values = mixed(wanted)
+    fits = [
+        fit_torrance_sparrow(values(chunk), wanted).parameters()
+        for chunk in share.reshape(-1, 1).split(_CHUNK)
+    ]
+    parameters = torch.cat(fits).unflatten(0, share.shape[:2])
+    return SourceHistories(parameters, latents, torch.ones(share.shape[:2], dtype=torch.bool))
