@@ -218,7 +218,7 @@ def look_at(thing: bpy.types.Object, target: tuple[float, float, float]) -> None
 
 def build(*, width: int, height: int, samples: int) -> bpy.types.Object:
     """Replace the open file by the demo's scene, ready to render; the object to age, active."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     body = add_body()
     body.data.materials.append(painted_steel())
