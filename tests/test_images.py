@@ -89,7 +89,9 @@ def test_eight_bit_colour_is_decoded_and_data_are_not(tmp_path: Path, extension:
     assert color.shape == (1, 4, 3)
     assert color.dtype == data.dtype == np.float32
     np.testing.assert_allclose(color[0, :, 1], list(SRGB.values()), rtol=1e-4)
-    np.testing.assert_array_equal(data[0], np.float32([0, 10, 188, 255]) / np.float32(255))
+    np.testing.assert_array_equal(
+        data[0], np.array([0, 10, 188, 255], np.float32) / np.float32(255)
+    )
 
 
 @pytest.mark.parametrize("channels", [1, 3, 4])

@@ -21,7 +21,7 @@ from model_runtime.texture_names import choose_maps
 def save(
     path: Path, code: int | tuple[int, int, int] = 128, size: tuple[int, int] = (8, 8)
 ) -> Path:
-    Image.new("RGB" if isinstance(code, tuple) else "L", size[::-1], code).save(path)
+    Image.new("RGB" if isinstance(code, tuple) else "L", (size[1], size[0]), code).save(path)
     return path
 
 
@@ -31,9 +31,15 @@ def write_maps(folder: Path, **maps: object) -> Path:
     return folder
 
 
-def refused(path: Path, sentence: str, **settings: int) -> InputError:
+def read_principled(path: Path, *, size: int | None = None) -> PrincipledMaps:
+    maps = read_input(path, size=size)
+    assert isinstance(maps, PrincipledMaps)
+    return maps
+
+
+def refused(path: Path, sentence: str) -> InputError:
     with pytest.raises(InputError, match=sentence) as caught:
-        read_input(path, **settings)
+        read_input(path)
     assert caught.value.message.endswith(".")
     assert caught.value.hint.endswith(".")
     return caught.value
@@ -124,17 +130,16 @@ def test_two_materials_in_a_folder_are_named(tmp_path: Path) -> None:
 def test_a_map_of_another_name_serves_where_it_is_the_only_one(tmp_path: Path) -> None:
     save(tmp_path / "Oak_Color.png")
     save(tmp_path / "scratches_Roughness.png", 0)
-    assert read_input(tmp_path).roughness.max() == 0
+    assert read_principled(tmp_path).roughness.max() == 0
     save(tmp_path / "dents_Roughness.png", 255)
     refused(tmp_path, "'dents' and 'scratches', and none of 'oak'")
     save(tmp_path / "Oak_Roughness.png", 51)
-    np.testing.assert_allclose(read_input(tmp_path).roughness, 0.2)
+    np.testing.assert_allclose(read_principled(tmp_path).roughness, 0.2)
 
 
 def test_ambientcg_material_is_read(data_folder: Path) -> None:
     folder = data_folder / "pbr" / "PaintedMetal004"
-    maps = read_input(folder)
-    assert isinstance(maps, PrincipledMaps)
+    maps = read_principled(folder)
     assert maps.size == (1024, 1024)
     np.testing.assert_array_equal(
         maps.roughness, read_image(folder / "PaintedMetal004_1K-JPG_Roughness.jpg", color=False)
@@ -153,8 +158,7 @@ def test_every_material_of_the_data_is_read_small(data_folder: Path) -> None:
     folders = [folder for folder in sorted((data_folder / "pbr").iterdir()) if folder.is_dir()]
     assert len(folders) == 12
     for folder in folders:
-        maps = read_input(folder, size=64)
-        assert isinstance(maps, PrincipledMaps)
+        maps = read_principled(folder, size=64)
         assert maps.size == (64, 64)
         metal = any("Metalness" in file.name for file in folder.iterdir())
         assert metal == bool(maps.metallic.any())
@@ -162,7 +166,7 @@ def test_every_material_of_the_data_is_read_small(data_folder: Path) -> None:
 
 def test_missing_maps_have_the_defaults_of_blender(tmp_path: Path) -> None:
     save(tmp_path / "color.png", (255, 0, 188))
-    maps = read_input(tmp_path)
+    maps = read_principled(tmp_path)
     np.testing.assert_allclose(maps.base_color[0, 0], [1, 0, 0.50289], rtol=1e-4)
     assert (maps.metallic == 0).all()
     assert (maps.specular == 0.5).all()
@@ -174,7 +178,7 @@ def test_missing_maps_have_the_defaults_of_blender(tmp_path: Path) -> None:
 def test_gloss_is_inverted(tmp_path: Path) -> None:
     save(tmp_path / "wood_diffuse.png")
     save(tmp_path / "wood_gloss.png", 51)
-    np.testing.assert_allclose(read_input(tmp_path).roughness, 0.8)
+    np.testing.assert_allclose(read_principled(tmp_path).roughness, 0.8)
 
 
 def test_maps_of_the_add_on_are_taken_as_they_are(tmp_path: Path) -> None:
@@ -189,20 +193,20 @@ def test_maps_of_the_add_on_are_taken_as_they_are(tmp_path: Path) -> None:
         IOR=[[1.25]],
         SpecularTint=[[[1.0, 0.5, 0.25]]],
     )
-    maps = read_input(tmp_path)
+    maps = read_principled(tmp_path)
     assert maps.size == (4, 6)
     np.testing.assert_array_equal(maps.base_color, base.astype(np.float16))
     np.testing.assert_array_equal(maps.metallic, metallic.astype(np.float16))
     assert (maps.roughness == 0.25).all()
     assert (maps.specular == 0.75).all()
     assert (maps.ior == 1.25).all()
-    assert (maps.specular_tint == np.float32([1, 0.5, 0.25])).all()
+    assert (maps.specular_tint == np.array([1, 0.5, 0.25], np.float32)).all()
 
 
 def test_constants_alone_are_a_uniform_material_of_any_size(tmp_path: Path) -> None:
     write_maps(tmp_path, BaseColor=[[[0.5, 0.25, 0.125]]], Roughness=[[0.25]])
     for size in (None, 256):
-        maps = read_input(tmp_path, size=size)
+        maps = read_principled(tmp_path, size=size)
         assert maps.uniform
         assert maps.base_color.tolist() == [[[0.5, 0.25, 0.125]]]
         assert maps.metallic.shape == (1, 1)
@@ -236,7 +240,7 @@ def test_measured_material(data_folder: Path) -> None:
 def test_smaller_maps_are_brought_to_the_largest(tmp_path: Path) -> None:
     save(tmp_path / "x_color.png", size=(16, 32))
     Image.fromarray(np.array([[0, 255]], np.uint8)).save(tmp_path / "x_roughness.png")
-    maps = read_input(tmp_path)
+    maps = read_principled(tmp_path)
     assert maps.roughness.shape == (16, 32)
     assert maps.roughness[0, 0] == 0
     assert maps.roughness[0, -1] == 1
@@ -248,7 +252,7 @@ def test_smaller_maps_are_brought_to_the_largest(tmp_path: Path) -> None:
 def test_size_is_the_longer_side(tmp_path: Path, size: int | None, shape: tuple[int, int]) -> None:
     save(tmp_path / "x_color.png", size=(16, 32))
     save(tmp_path / "x_roughness.png", size=(8, 16))
-    assert read_input(tmp_path, size=size).size == shape
+    assert read_principled(tmp_path, size=size).size == shape
 
 
 @pytest.mark.parametrize("size", [0, -5, 16385])
@@ -292,7 +296,7 @@ def raw_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
 
 def test_metallic_and_roughness_end_at_one(tmp_path: Path) -> None:
     write_maps(tmp_path, BaseColor=[[[2.0, 0.5, 0.5]]], Metallic=[[1.5]], Roughness=[[3.0]])
-    maps = read_input(tmp_path)
+    maps = read_principled(tmp_path)
     assert maps.metallic.item() == 1
     assert maps.roughness.item() == 1
     assert maps.base_color[0, 0, 0] == 2
@@ -338,7 +342,7 @@ def test_links_that_loop_leave_or_hang_are_refused(tmp_path: Path) -> None:
     (folder / "x_color.png").unlink()
     save(folder / "x_color.png")
     (tmp_path / "link").symlink_to(folder)
-    assert read_input(tmp_path / "link").size == (8, 8)
+    assert read_principled(tmp_path / "link").size == (8, 8)
 
 
 def test_hashes_follow_the_content(tmp_path: Path) -> None:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from model_runtime.brdf import principled
-from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from model_runtime.maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
 SOCKETS = ("base_color", "metallic", "specular", "roughness")
 
@@ -22,11 +23,18 @@ colors = st.one_of(color, unit.map(lambda grey: (grey,) * 3), st.just((1.0, 1.0,
 iors = st.one_of(st.floats(1, 3, width=32), st.sampled_from([1.0, 1.5, 17.94]))
 
 
-def material(base, metallic, specular=0.5, roughness=0.5, ior=1.5, tint=(1.0, 1.0, 1.0)):
+def material(
+    base: ArrayLike,
+    metallic: ArrayLike,
+    specular: ArrayLike = 0.5,
+    roughness: ArrayLike = 0.5,
+    ior: ArrayLike = 1.5,
+    tint: ArrayLike = (1.0, 1.0, 1.0),
+) -> PrincipledMaps:
     """A PrincipledMaps of one texel, or of as many as the arguments have rows."""
     base = np.atleast_2d(np.asarray(base, np.float32))[None]
 
-    def scalar(value):
+    def scalar(value: ArrayLike) -> Pixels:
         return np.broadcast_to(np.asarray(value, np.float32), base.shape[:2]).copy()
 
     return PrincipledMaps(
@@ -39,16 +47,15 @@ def material(base, metallic, specular=0.5, roughness=0.5, ior=1.5, tint=(1.0, 1.
     )
 
 
-def random_materials(count: int, seed: int, metallic: float | None = None, **fixed):
+def random_materials(count: int, seed: int, metallic: float | None = None) -> PrincipledMaps:
     rng = np.random.default_rng(seed)
-    made = material(
+    return material(
         rng.random((count, 3)),
         rng.random(count) if metallic is None else metallic,
         rng.random(count),
         rng.random(count),
         rng.uniform(1, 2.5, count),
     )
-    return replace(made, **fixed)
 
 
 def assert_same(one, other) -> None:

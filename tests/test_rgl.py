@@ -16,7 +16,7 @@ from model_runtime.brdf import rgl
 from model_runtime.brdf.half_angle import directions, from_directions
 from model_runtime.errors import InputError
 
-CODES = {"u1": 1, "<u4": 5, "<f4": 10}
+CODES = {"|u1": 1, "<u4": 5, "<f4": 10}
 MATERIALS = ("acrylic_felt_green", "ilm_l3_37_matte")
 
 
@@ -26,7 +26,7 @@ def tensor_file(fields: dict[str, np.ndarray]) -> bytes:
     header = b"tensor_file\0" + struct.pack("<BBI", 1, 0, len(fields))
     offset, data = len(header) + table, b""
     for name, array in fields.items():
-        code = CODES[{"|u1": "u1"}.get(array.dtype.str, array.dtype.str)]
+        code = CODES[array.dtype.str]
         header += struct.pack("<H", len(name)) + name.encode()
         header += struct.pack("<HBQ", array.ndim, code, offset + len(data))
         header += struct.pack(f"<{array.ndim}Q", *array.shape)

@@ -1,5 +1,8 @@
 """Images between the runtime and Blender: each shows what the other has written."""
 
+# pyright: reportAttributeAccessIssue=false, reportOptionalMemberAccess=false
+# pyright: reportIndexIssue=false, reportReturnType=false
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -45,8 +48,9 @@ def test_images_saved_by_blender_are_read_as_blender_reads_them(
     pixels = np.random.default_rng(0).random((4 * 9, 4), np.float32)
     pixels[:, 3] = 1
     painted.pixels = pixels.ravel()
-    settings = scene.render.image_settings
-    settings.file_format, settings.color_mode, settings.color_depth = kind, mode, depth
+    wanted = {"file_format": kind, "color_mode": mode, "color_depth": depth}
+    for name, value in wanted.items():
+        setattr(scene.render.image_settings, name, value)
     path = tmp_path / f"painted.{extension}"
     painted.save_render(str(path), scene=scene)
 
