@@ -39,8 +39,9 @@ def bake_sockets(
     """The values of Principled sockets, by identifier, as maps, and the share covered by faces.
 
     `copy` is a copy of the material that may be changed.  `size` is (height, width).  Colours are
-    [H, W, 3], numbers [H, W]; the coverage [H, W] is 1 where a face lies.  One sample at the texel's
-    centre, so the same input gives the same maps.  Raises `MaterialError` where Cycles fails.
+    [H, W, 3], numbers [H, W]; the coverage [H, W] is 1 where a face lies.  One sample at
+    the texel's centre, so the same input gives the same maps.  Raises `MaterialError` where Cycles
+    fails.
     """
     tree = copy.node_tree
     output, principled = find_principled(copy)

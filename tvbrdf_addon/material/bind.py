@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import bpy
 
 from ..errors import MaterialError
-from .animation import TAG, AnimationBefore, drive_by_age, key, own_action
-from .check import why_not
-from .layout import Layout
-from .pixels import read_exr_texel
+from .check import why_no_surface
+from .edit import Edit
 from .read import Reading
-from .record import Link, Record, SocketBefore, is_aged, store
-from .result import AgedMap, AgedMaps, read_result
+from .result import AgedMaps, read_result
 from .revert import revert
-from .trace import find_principled, input_socket, is_animated
 
 __all__ = ("bind",)
 
-AUTHORED = {
+_AUTHORED = {
     "base_color": "Base Color",
     "metallic": "Metallic",
     "specular": "Specular IOR Level",
     "roughness": "Roughness",
 }
-EXACT = {"base_color": "Base Color", "specular_tint": "Specular Tint", "roughness": "Roughness"}
+_EXACT = {"base_color": "Base Color", "specular_tint": "Specular Tint", "roughness": "Roughness"}
 # F0 = ((17.94 - 1) / (17.94 + 1))^2 = 0.8, which Specular Tint then scales to Ks.
-EXACT_CONSTANTS = {"Metallic": 0.0, "IOR": 17.94, "Specular IOR Level": 0.5}
+_EXACT_CONSTANTS = {"Metallic": 0.0, "IOR": 17.94, "Specular IOR Level": 0.5}
+_LOBES = ("Coat Weight", "Sheen Weight", "Transmission Weight", "Subsurface Weight", "Anisotropic")
 
 
 def bind(
@@ -43,109 +39,113 @@ def bind(
     """Shows the result in `folder` (`aged.json` and its files) on `material`, over the frames.
 
     An earlier ageing is taken away first.  Nodes are only added and sockets relinked; the material
-    keeps a record from which `revert` restores it.  Returns warnings.  Raises `MaterialError`, and
-    then leaves the material as the artist made it.
+    keeps a record from which `revert` restores it.  Returns warnings, a sentence each.  Raises
+    `MaterialError`; one about the result leaves the material untouched, one about its nodes leaves
+    it as it was before ageing.
     """
     if frame_end <= frame_start:
         raise MaterialError(
-            f"The frame range {frame_start} to {frame_end} is empty.", "Choose a later last frame."
+            f"Frames {frame_start} to {frame_end} are no range to age over.",
+            "Choose a last frame after the first.",
         )
     result = read_result(folder)
-    _check(material)
     revert(material)
-    binding = _Binding(material, reading, result, (frame_start, frame_end))
+    reason = why_no_surface(material)
+    if reason:
+        raise MaterialError(reason)
+    edit = Edit(material, reading, result.times, (frame_start, frame_end))
     try:
-        binding.bind()
+        warnings = _FORMATS[result.format](edit, result)
     except Exception:
-        binding.store()
+        edit.finish()
         revert(material)
         raise
-    binding.store()
-    return tuple(binding.warnings)
+    edit.finish()
+    return tuple(warnings)
 
 
-def _check(material: bpy.types.Material) -> None:
-    if is_aged(material):
-        return
-    find = why_not(material, None)
-    # Where there are no UVs is for `read` to say: the material may be on another object by now.
-    if find and material.node_tree is None:
-        raise MaterialError(find)
+def _bind_authored(edit: Edit, result: AgedMaps) -> list[str]:
+    """The artist's parameters, changed; what never changes keeps what fed it."""
+    for aged in result.maps:
+        if aged.changes:
+            edit.show(aged, edit.input(_AUTHORED[aged.name]))
+    return []
 
 
-class _Binding:
-    """One binding under way, and the record of what it has changed so far."""
+def _bind_exact(edit: Edit, result: AgedMaps) -> list[str]:
+    """A flat Fresnel term on the Principled BSDF: F0 = 0.8 times Specular Tint = Ks."""
+    edit.use_ggx()
+    for identifier, value in _EXACT_CONSTANTS.items():
+        edit.fix(edit.input(identifier), value)
+    for aged in result.maps:
+        edit.show(aged, edit.input(_EXACT[aged.name]))
+    return []
 
-    def __init__(
-        self,
-        material: bpy.types.Material,
-        reading: Reading,
-        result: AgedMaps,
-        span: tuple[int, int],
-    ) -> None:
-        self.material = material
-        self.warnings: list[str] = []
-        self._reading = reading
-        self._result = result
-        self._tree = material.node_tree
-        self._output, self._principled = find_principled(material)
-        self._record = Record(
-            principled=self._principled.name,
-            frames=len(result.times),
-            animation=AnimationBefore.of(self._tree),
-            links=tuple(Link.of(link) for link in self._tree.links),
-        )
-        self._span = span
-        self._rows = 0
 
-    def store(self) -> None:
-        self._record.animation.claim(self._tree)
-        store(self.material, self._record)
+def _bind_torrance_sparrow(edit: Edit, result: AgedMaps) -> list[str]:
+    """Diffuse and Glossy BSDF added, which have no Fresnel term and no bound on Ks."""
+    diffuse = edit.layout.add("ShaderNodeBsdfDiffuse", "Diffuse", column=-1, row=0)
+    glossy = edit.layout.add("ShaderNodeBsdfAnisotropic", "Specular", column=-1, row=1)
+    glossy.distribution = "GGX"
+    both = edit.layout.add("ShaderNodeAddShader", "Diffuse and Specular", column=-2, row=0)
+    for shader, slot in zip((diffuse, glossy), both.inputs, strict=True):
+        edit.tree.links.new(shader.outputs[0], slot)
+        _follow(edit, "Normal", shader.inputs["Normal"])
+    sockets = {"kd": diffuse.inputs["Color"], "ks": glossy.inputs["Color"]}
+    for aged in result.maps:
+        if aged.name == "alpha":
+            edit.show(aged, glossy.inputs["Roughness"], math.sqrt)
+        else:
+            edit.show(aged, sockets[aged.name])
+    surface = _with_transparency(edit, _with_emission(edit, both.outputs[0]))
+    edit.connect(surface, edit.output.inputs["Surface"])
+    lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
+    if not lost:
+        return []
+    return [
+        f"“{edit.material.name}” is bound as Diffuse and Glossy BSDF, which leaves out its "
+        f"{', '.join(each.removesuffix(' Weight').lower() for each in lost)}."
+    ]
 
-    def bind(self) -> None:
-        own_action(self._tree, mark=True)
-        self._layout = Layout(self._tree, self._principled)
-        age = self._layout.add("ShaderNodeValue", "Age", column=3, row=0)
-        self._age = age.outputs[0]
-        key(self._age, (0.0, 1.0), self._span)
-        {
-            "principled": self._bind_authored,
-            "principled-exact": self._bind_exact,
-            "torrance-sparrow": self._bind_torrance_sparrow,
-        }[self._result.format]()
 
-    def _bind_authored(self) -> None:
-        for map in self._result.maps:
-            if map.changes:
-                socket = input_socket(self._principled, AUTHORED[map.name])
-                self._show(map, self._taken(socket))
+_FORMATS = {
+    "principled": _bind_authored,
+    "principled-exact": _bind_exact,
+    "torrance-sparrow": _bind_torrance_sparrow,
+}
 
-    def _bind_exact(self) -> None:
-        if self._principled.distribution != "GGX":
-            self._record = self._record.with_distribution(self._principled.distribution)
-            self._principled.distribution = "GGX"
-        for identifier, value in EXACT_CONSTANTS.items():
-            self._taken(input_socket(self._principled, identifier)).default_value = value
-        for map in self._result.maps:
-            socket = input_socket(self._principled, EXACT[map.name])
-            self._show(map, self._taken(socket))
 
-    def _bind_torrance_sparrow(self) -> None:
-        diffuse = self._layout.add("ShaderNodeBsdfDiffuse", "Diffuse", column=0, row=0)
-        glossy = self._layout.add("ShaderNodeBsdfAnisotropic", "Specular", column=0, row=1)
-        glossy.distribution = "GGX"
-        both = self._layout.add("ShaderNodeAddShader", "Diffuse + Specular", column=-1, row=0)
-        normal = input_socket(self._principled, "Normal")
-        for shader, slot in zip((diffuse, glossy), both.inputs, strict=True):
-            self._tree.links.new(shader.outputs[0], slot)
-            if normal.is_linked:
-                self._tree.links.new(normal.links[0].from_socket, shader.inputs["Normal"])
-        targets = {"kd": diffuse.inputs["Color"], "ks": glossy.inputs["Color"]}
-        for map in self._result.maps:
-            if map.name == "alpha":
-                self._show(map, glossy.inputs["Roughness"], math.sqrt)
-            else:
-                self._show(map, targets[map.name])
-        surface = self._output.inputs["Surface"]
-        self._remember(surface, value=False)
-        self._tree.links.new(self._with_rest(both.outputs[0]), surface)
+def _with_emission(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    if not _used(edit.input("Emission Strength"), 0.0):
+        return surface
+    emission = edit.layout.add("ShaderNodeEmission", "Emission", column=-2, row=1)
+    _follow(edit, "Emission Color", emission.inputs["Color"])
+    _follow(edit, "Emission Strength", emission.inputs["Strength"])
+    both = edit.layout.add("ShaderNodeAddShader", "Add Emission", column=-3, row=0)
+    edit.tree.links.new(surface, both.inputs[0])
+    edit.tree.links.new(emission.outputs[0], both.inputs[1])
+    return both.outputs[0]
+
+
+def _with_transparency(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    if not _used(edit.input("Alpha"), 1.0):
+        return surface
+    transparent = edit.layout.add("ShaderNodeBsdfTransparent", "Transparent", column=-3, row=1)
+    mix = edit.layout.add("ShaderNodeMixShader", "Alpha", column=-4, row=0)
+    _follow(edit, "Alpha", mix.inputs["Fac"])
+    edit.tree.links.new(transparent.outputs[0], mix.inputs[1])
+    edit.tree.links.new(surface, mix.inputs[2])
+    return mix.outputs[0]
+
+
+def _used(socket: bpy.types.NodeSocket, neutral: float) -> bool:
+    return socket.is_linked or socket.default_value != neutral
+
+
+def _follow(edit: Edit, identifier: str, socket: bpy.types.NodeSocket) -> None:
+    """Feeds a new socket with what feeds the Principled BSDF's."""
+    original = edit.input(identifier)
+    if original.is_linked:
+        edit.tree.links.new(original.links[0].from_socket, socket)
+    elif identifier != "Normal":
+        socket.default_value = original.default_value

@@ -6,9 +6,9 @@ import bpy
 
 from .record import is_aged
 from .space import choose_space
-from .trace import SOCKETS, find_principled, input_socket, resolve, upstream
+from .trace import SOCKETS, find_principled, input_socket, upstream
 
-__all__ = ("why_no_uv", "why_not")
+__all__ = ("why_no_surface", "why_no_uv", "why_not")
 
 _NAMES = {
     "MIX_SHADER": "a Mix Shader",
@@ -44,10 +44,14 @@ def why_not(
         return f"{name} does not use nodes: turn on Use Nodes and connect a Principled BSDF."
     if is_aged(material):
         return None
-    return _why_not_surface(material, name) or _why_not_sockets(material, obj, owner)
+    return why_no_surface(material, owner) or _why_not_sockets(material, obj, owner)
 
 
-def _why_not_surface(material: bpy.types.Material, name: str) -> str | None:
+def why_no_surface(
+    material: bpy.types.Material, owner: bpy.types.Material | None = None
+) -> str | None:
+    """Why the surface of the material is not one that can be aged, or None if it is."""
+    name = f"“{(owner or material).name}”"
     wanted = "connect a Principled BSDF directly to the Material Output."
     try:
         _, node = find_principled(material)

@@ -13,6 +13,7 @@ _COLUMN, _ROW = 300, 310
 _HEIGHTS = {"BSDF_PRINCIPLED": 700, "TEX_IMAGE": 280, "MAPPING": 360, "VALTORGB": 240}
 _SOCKET_HEIGHT = 22
 
+
 class Layout:
     """The frame “Aged by tvbrdf” and the cells in it, columns counted from its right edge."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import bpy
@@ -38,7 +38,7 @@ class Reading:
     uniform: bool
     uv_map: str | None
     warnings: tuple[str, ...]
-    sampling: Sampling = Sampling()
+    sampling: Sampling = field(default_factory=Sampling)
 
 
 def read(
@@ -53,8 +53,8 @@ def read(
     """Writes `BaseColor.exr`, `Metallic.exr`, ... (float, linear; 1 x 1 where constant).
 
     `folder` must exist.  `size` in pixels is used where something has to be baked.  What is
-    animated is read at `frame`, by default the first of the material's range.  A material that is already
-    aged is read as it was before.  Raises `MaterialError`.
+    animated is read at `frame`, by default the first of the material's range.  A material that is
+    already aged is read as it was before.  Raises `MaterialError`.
     """
     frame = frame_range(material, scene)[0] if frame is None else frame
     with _original(material) as copy:
@@ -68,7 +68,9 @@ def read(
         for socket in sockets.values():
             _check_images(socket)
         maps = {
-            name: _constant(socket, frame) for name, socket in sockets.items() if is_constant(socket)
+            name: _constant(socket, frame)
+            for name, socket in sockets.items()
+            if is_constant(socket)
         }
         direct = {
             name: _image_map(socket)
@@ -144,7 +146,8 @@ def _converted(socket: bpy.types.NodeSocket, pixels: Array) -> Array:
     """Colours [H, W, 3] for colour sockets, numbers [H, W] for others, as Cycles converts them."""
     if socket.type == "RGBA":
         return np.broadcast_to(pixels, (*pixels.shape[:2], 3))
-    return pixels @ LUMINANCE if pixels.shape[-1] == 3 else pixels[..., 0]
+    grey = pixels.shape[-1] == 1 or (pixels == pixels[..., :1]).all()
+    return pixels[..., 0] if grey else pixels @ LUMINANCE  # grey stays exact
 
 
 def _bounded(name: str, pixels: Array) -> Array:

@@ -9,9 +9,19 @@ import bpy
 
 from ..errors import MaterialError
 from .animation import TAG, AnimationBefore
-from .trace import input_socket
+from .trace import input_socket, is_animated
 
-__all__ = ("Link", "Record", "SocketBefore", "find", "is_aged", "load", "store", "tagged")
+__all__ = (
+    "Link",
+    "Record",
+    "SocketBefore",
+    "find",
+    "is_aged",
+    "keyed_sockets",
+    "load",
+    "store",
+    "tagged",
+)
 
 _VERSION = 1
 
@@ -39,24 +49,24 @@ class Link:
 
 @dataclass(frozen=True)
 class SocketBefore:
-    """An input socket as it was: its link, or its own value where ageing changed that."""
+    """An input socket as it was: its link, and its own value, which lies hidden under a link.
+
+    `animated` says that keys or drivers on it are the artist's.
+    """
 
     node: str
     socket: str
     link: Link | None
     value: float | tuple[float, ...] | None = None
-    keyed: bool = False
+    animated: bool = False
 
     @classmethod
-    def of(cls, socket: bpy.types.NodeSocket, *, value: bool = False) -> SocketBefore:
+    def of(cls, socket: bpy.types.NodeSocket) -> SocketBefore:
         link = Link.of(socket.links[0]) if socket.links else None
-        now = socket.default_value if value else None
-        return cls(
-            socket.node.name,
-            socket.identifier,
-            link,
-            tuple(now) if now is not None and hasattr(now, "__len__") else now,
-        )
+        value = getattr(socket, "default_value", None)
+        if hasattr(value, "__len__"):
+            value = tuple(value)
+        return cls(socket.node.name, socket.identifier, link, value, is_animated(socket))
 
 
 @dataclass(frozen=True)
@@ -121,3 +131,16 @@ def find(tree: bpy.types.NodeTree, before: SocketBefore) -> bpy.types.NodeSocket
     """The socket that a record speaks of, or None if its node is gone."""
     node = tree.nodes.get(before.node)
     return input_socket(node, before.socket) if node else None
+
+
+def keyed_sockets(tree: bpy.types.NodeTree, record: Record) -> list[bpy.types.NodeSocket]:
+    """The sockets whose keys, if they have any, are ours."""
+    ours = [
+        socket
+        for node in tagged(tree)
+        for socket in (*node.inputs, *node.outputs)
+        if hasattr(socket, "default_value")
+    ]
+    values = (each for each in record.sockets if each.value is not None and not each.animated)
+    taken = (find(tree, each) for each in values)
+    return [*ours, *(socket for socket in taken if socket is not None)]

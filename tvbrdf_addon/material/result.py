@@ -20,28 +20,24 @@ MAPS = {
 
 @dataclass(frozen=True)
 class AgedMap:
-    """One map over time: a file for every modelled frame, all the same where nothing changes."""
+    """One map over time, a file for every modelled frame.
+
+    Where nothing `changes` all files are the same; a `uniform` map has one texel.
+    """
 
     name: str
     files: tuple[Path, ...]
     changes: bool
+    uniform: bool
 
 
 @dataclass(frozen=True)
 class AgedMaps:
-    """A whole result.  `times` are the ages of the modelled frames, rising from 0 to 1.
-
-    `size` is (height, width); (1, 1) is a uniform material.
-    """
+    """A whole result.  `times` are the ages of the modelled frames, rising from 0 to 1."""
 
     format: str
     times: tuple[float, ...]
-    size: tuple[int, int]
     maps: tuple[AgedMap, ...]
-
-    @property
-    def uniform(self) -> bool:
-        return self.size == (1, 1)
 
 
 def read_result(folder: Path) -> AgedMaps:
@@ -67,11 +63,12 @@ def read_result(folder: Path) -> AgedMaps:
             f"The result {path} has the format “{kind}”, which this extension does not know.",
             "Update the extension, or age the material again.",
         )
-    maps = tuple(_map(folder, name, files.get(name), len(times)) for name in MAPS[kind])
-    return AgedMaps(kind, times, (height, width), maps)
+    uniform = (height, width) == (1, 1)
+    maps = tuple(_map(folder, name, files.get(name), len(times), uniform) for name in MAPS[kind])
+    return AgedMaps(kind, times, maps)
 
 
-def _map(folder: Path, name: str, files: object, frames: int) -> AgedMap:
+def _map(folder: Path, name: str, files: object, frames: int, uniform: bool) -> AgedMap:
     wanted = [f"{name}_{frame + 1:04d}.exr" for frame in range(frames)]
     if files != wanted:
         raise MaterialError(
@@ -87,4 +84,4 @@ def _map(folder: Path, name: str, files: object, frames: int) -> AgedMap:
     changes = any(
         path.stat().st_size != len(first) or path.read_bytes() != first for path in paths[1:]
     )
-    return AgedMap(name, paths, changes)
+    return AgedMap(name, paths, changes, uniform)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .animation import TAG, own_action, remove_keys
-from .record import Link, Record, find, is_aged, load, tagged
+from .record import Link, Record, find, is_aged, keyed_sockets, load, tagged
 from .trace import input_socket
 
 __all__ = ("is_aged", "revert")
@@ -35,13 +35,8 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
     for node in tagged(tree):
         if node.type == "TEX_IMAGE":
             node.image_user.driver_remove("frame_offset")
-        for socket in (*node.inputs, *node.outputs):
-            if hasattr(socket, "default_value"):
-                remove_keys(tree, socket.path_from_id("default_value"))
-    for before in record.sockets:
-        socket = find(tree, before)
-        if socket and before.keyed:
-            remove_keys(tree, socket.path_from_id("default_value"))
+    for socket in keyed_sockets(tree, record):
+        remove_keys(tree, socket.path_from_id("default_value"))
 
 
 def _remove_nodes(tree: bpy.types.NodeTree) -> None:

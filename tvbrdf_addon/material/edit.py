@@ -1,0 +1,205 @@
+"""Changes a node tree so that every change is recorded and can be taken back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
+
+import bpy
+
+from ..errors import MaterialError
+from .animation import TAG, AnimationBefore, drive_by_age, key, own_action
+from .layout import Layout
+from .pixels import read_exr_texel
+from .read import Reading
+from .record import Link, Record, SocketBefore, store
+from .result import AgedMap
+from .trace import find_principled, input_socket, is_animated
+
+__all__ = ("Edit",)
+
+Transform: TypeAlias = Callable[[float], float]
+
+
+class Edit:
+    """One edit of a material under way: adds nodes, takes sockets over, shows maps on them.
+
+    `times` are the ages of the modelled frames, `span` the first and last frame of the scene that
+    they are spread over.  `finish` writes the record; call it also before undoing a failed edit.
+    """
+
+    def __init__(
+        self,
+        material: bpy.types.Material,
+        reading: Reading,
+        times: Sequence[float],
+        span: tuple[int, int],
+    ) -> None:
+        self.material = material
+        self.tree = material.node_tree
+        self.output, self.principled = find_principled(material)
+        self._reading = reading
+        self._times = times
+        self._span = span
+        self._rows = 0
+        self._vector: bpy.types.NodeSocket | None = None
+        self._record = Record(
+            principled=self.principled.name,
+            frames=len(times),
+            animation=AnimationBefore.of(self.tree),
+            links=tuple(Link.of(link) for link in self.tree.links),
+        )
+        own_action(self.tree, mark=True)
+        self.layout = Layout(self.tree, self.principled)
+        self._age = self.layout.add("ShaderNodeValue", "Age", column=3, row=0).outputs[0]
+        key(self._age, (0.0, 1.0), span)
+
+    def finish(self) -> None:
+        """Writes what was changed into the material."""
+        self._record.animation.claim(self.tree)
+        store(self.material, self._record)
+
+    def input(self, identifier: str) -> bpy.types.NodeSocket:
+        """An input of the material's Principled BSDF."""
+        return input_socket(self.principled, identifier)
+
+    def use_ggx(self) -> None:
+        """Gives the Principled BSDF the plain GGX distribution."""
+        self._record = replace(self._record, distribution=self.principled.distribution)
+        self.principled.distribution = "GGX"
+
+    def connect(self, source: bpy.types.NodeSocket, socket: bpy.types.NodeSocket) -> None:
+        """Links `source` to one of the artist's sockets in place of what was there."""
+        self._remember(socket)
+        self.tree.links.new(source, socket)
+
+    def fix(self, socket: bpy.types.NodeSocket, value: float) -> None:
+        """Sets one of the artist's sockets to a number for good."""
+        self._own(socket).default_value = value
+
+    def show(
+        self, aged: AgedMap, socket: bpy.types.NodeSocket, transform: Transform | None = None
+    ) -> None:
+        """Lets a socket, the artist's or a new node's, show a map over time.
+
+        `transform` is `math.sqrt`, or None to show the map's own values.
+        """
+        if aged.uniform:
+            self._show_values(aged, self._own(socket), transform)
+            return
+        source = self._texture(aged)
+        if transform is not None:
+            root = self.layout.add("ShaderNodeMath", "Square Root", column=0, row=self._rows - 1)
+            root.operation = "SQRT"
+            self.tree.links.new(source, root.inputs[0])
+            source = root.outputs[0]
+        self.connect(source, socket)
+
+    def _show_values(
+        self, aged: AgedMap, socket: bpy.types.NodeSocket, transform: Transform | None
+    ) -> None:
+        """Keys the socket once a modelled frame, straight between them."""
+        files = aged.files if aged.changes else aged.files[:1]
+        texels = [read_exr_texel(path) for path in files]
+        if socket.type == "RGBA":
+            values: list[float | tuple[float, ...]] = [(*texel, 1.0) for texel in texels]
+        else:
+            values = [transform(texel[0]) if transform else texel[0] for texel in texels]
+        if aged.changes:
+            first, last = self._span
+            key(socket, values, [first + time * (last - first) for time in self._times])
+        else:
+            socket.default_value = values[0]
+
+    def _texture(self, aged: AgedMap) -> bpy.types.NodeSocket:
+        """A node that plays the map's files by Age; a single still where it does not change."""
+        sampling = self._reading.sampling
+        node = self.layout.add("ShaderNodeTexImage", aged.name, column=1, row=self._rows)
+        self._rows += 1
+        node.image = self._image(aged)
+        node.projection = sampling.projection
+        node.projection_blend = sampling.projection_blend
+        node.extension = sampling.extension
+        node.interpolation = sampling.interpolation
+        if aged.changes:
+            drive_by_age(node, self._age, len(aged.files))
+        vector = self._lookup()
+        if vector is not None:
+            self.tree.links.new(vector, node.inputs["Vector"])
+        return node.outputs["Color"]
+
+    def _image(self, aged: AgedMap) -> bpy.types.Image:
+        image = bpy.data.images.load(str(aged.files[0]), check_existing=False)
+        image.name = f"{self.material.name} {aged.name}"
+        image[TAG] = 1
+        image.colorspace_settings.name = "Non-Color"
+        image.alpha_mode = "NONE"
+        image.filepath = _path(aged.files[0])
+        if aged.changes:
+            image.source = "SEQUENCE"
+        return image
+
+    def _lookup(self) -> bpy.types.NodeSocket | None:
+        """What feeds the textures' Vector; None is the UV map that each object renders with."""
+        sampling, uv_map = self._reading.sampling, self._reading.uv_map
+        if sampling.node is not None:
+            node = self.tree.nodes.get(sampling.node)
+            outputs = node.outputs if node else ()
+            found = next((each for each in outputs if each.identifier == sampling.socket), None)
+            if found is None:
+                raise MaterialError(
+                    f"The node “{sampling.node}” of “{self.material.name}” was removed while the "
+                    "material was ageing.",
+                    "Age the material again.",
+                )
+            return found
+        if uv_map is None or not _all_have(self.material, uv_map):
+            return None
+        if self._vector is None:
+            node = self.layout.add("ShaderNodeUVMap", "UV", column=2, row=0)
+            node.uv_map = uv_map
+            self._vector = node.outputs["UV"]
+        return self._vector
+
+    def _own(self, socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        """A socket whose value may be set: this one unlinked, or a new node's that feeds it.
+
+        Keys and drivers of the artist's would win over a value, but a link wins over them.
+        """
+        if TAG in socket.node:
+            return socket
+        if is_animated(socket):
+            kind = "ShaderNodeRGB" if socket.type == "RGBA" else "ShaderNodeValue"
+            source = self.layout.add(kind, socket.name, column=1, row=self._rows).outputs[0]
+            self._rows += 1
+            self.connect(source, socket)
+            return source
+        self._remember(socket)
+        for link in list(socket.links):
+            self.tree.links.remove(link)
+        return socket
+
+    def _remember(self, socket: bpy.types.NodeSocket) -> None:
+        if TAG not in socket.node:
+            self._record = self._record.with_socket(SocketBefore.of(socket))
+
+
+def _path(path: Path) -> str:
+    """Relative to the .blend where that is saved, so that both can move together."""
+    if not bpy.data.filepath:
+        return str(path)
+    try:
+        return bpy.path.relpath(str(path))
+    except ValueError:  # another drive, on Windows
+        return str(path)
+
+
+def _all_have(material: bpy.types.Material, uv_map: str) -> bool:
+    users = [
+        obj
+        for obj in bpy.data.objects
+        if obj.type == "MESH" and any(slot.material == material for slot in obj.material_slots)
+    ]
+    return all(uv_map in obj.data.uv_layers for obj in users)

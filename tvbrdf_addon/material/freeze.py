@@ -1,0 +1,59 @@
+"""Keeps a material as old as it is on one frame: stills instead of sequences, no keys."""
+
+from __future__ import annotations
+
+import re
+
+import bpy
+
+from ..errors import MaterialError
+from .animation import TAG, channels, remove_keys
+from .record import is_aged, keyed_sockets, load, tagged
+
+__all__ = ("freeze",)
+
+
+def freeze(material: bpy.types.Material, frame: int) -> None:
+    """Leaves `material` as it looks on `frame`; Revert still restores the original.
+
+    Age keeps its value of that frame, without keys, and moves nothing any more.  Raises
+    `MaterialError` where the material is not aged.
+    """
+    if not is_aged(material):
+        raise MaterialError(f"“{material.name}” is not aged.", "Age it first.")
+    record, tree = load(material), material.node_tree
+    nodes = tagged(tree)
+    age = next((n for n in nodes if n.type == "VALUE" and n.label == "Age"), None)
+    sockets = keyed_sockets(tree, record)
+    for socket in sockets:
+        _hold(socket, frame)
+    shown = round(min(max(age.outputs[0].default_value, 0.0), 1.0) * (record.frames - 1)) + 1
+    for node in nodes:
+        if node.type == "TEX_IMAGE" and node.image and node.image.source == "SEQUENCE":
+            _still(node, shown)
+    tree.update_tag()
+
+
+def _hold(socket: bpy.types.NodeSocket, frame: int) -> None:
+    """Gives a socket the value that its keys have on `frame`, and removes them."""
+    tree, path = socket.id_data, socket.path_from_id("default_value")
+    curves = [curve for curve in channels(tree) if curve.data_path == path]
+    if not curves:
+        return
+    if hasattr(socket.default_value, "__len__"):
+        for curve in curves:
+            socket.default_value[curve.array_index] = curve.evaluate(frame)
+    else:
+        socket.default_value = curves[0].evaluate(frame)
+    remove_keys(tree, path)
+
+
+def _still(node: bpy.types.ShaderNodeTexImage, number: int) -> None:
+    node.image_user.driver_remove("frame_offset")
+    image = node.image
+    if image.users > 1:  # a copy of the material plays it
+        image = image.copy()
+        image[TAG] = 1
+        node.image = image
+    image.source = "FILE"
+    image.filepath = re.sub(r"\d+(?=\.exr$)", f"{number:04d}", image.filepath)
