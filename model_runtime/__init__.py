@@ -1,3 +1,5 @@
-"""Ages materials: per-texel BRDFs, their latents, temporal models and Torrance-Sparrow fits. No bpy."""
+"""Ages materials: per-texel BRDFs, their latents, temporal models and Torrance-Sparrow fits. No
+bpy.
+"""
 
 __version__ = "0.1.0"

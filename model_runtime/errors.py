@@ -51,7 +51,7 @@ class OutputError(TvbrdfError):
     code = "output"
 
 
-class Cancelled(TvbrdfError):
+class Cancelled(TvbrdfError):  # noqa: N818
     """The user asked for the run to end; nothing was changed."""
 
     code = "cancelled"

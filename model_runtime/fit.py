@@ -121,7 +121,7 @@ def fit_torrance_sparrow(
         _fit_chunk(f[start : start + _CHUNK], angles, specular)
         for start in range(0, len(f), _CHUNK)
     ]
-    return Fit(*(torch.cat(column) for column in zip(*parts)))
+    return Fit(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 
 def _fit_chunk(
@@ -185,7 +185,9 @@ def _gauss_newton_step(
     log_alpha: Tensor,
     angles: Tensor,
 ) -> Tensor:
-    """Change [N] of log alpha that lowers the error most, Kd and Ks following (variable projection)."""
+    """Change [N] of log alpha that lowers the error most, Kd and Ks following (variable
+    projection).
+    """
     nudge = 1e-4
     slope = (specular_lobe((log_alpha + nudge).exp(), angles) - lobe) / nudge
     a = weights.sum(1)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -104,7 +103,7 @@ def read_card(path: Path) -> ModelCard:
         ) from error
     if version > FORMAT_VERSION:
         raise ModelFileError(
-            f"{path.name} has format version {version}, newer than the {FORMAT_VERSION} known here.",
+            f"{path.name} has format version {version}; this program knows {FORMAT_VERSION}.",
             "Update the extension.",
         )
     if path.stat().st_size != start + end:
@@ -207,4 +206,4 @@ def save_model(
     beside = path.with_name(path.name + ".partial")
     contiguous = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     save_file(contiguous, beside, metadata={"card": json.dumps(card)})
-    os.replace(beside, path)
+    beside.replace(path)

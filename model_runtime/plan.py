@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import torch
@@ -23,7 +24,9 @@ __all__ = (
 
 @dataclass(frozen=True)
 class Palette:
-    """Distinct initial states `entries` [P, 7] and, for each of n texels, which is its: `index` [n]."""
+    """Distinct initial states `entries` [P, 7] and, for each of n texels, which is its: `index`
+    [n].
+    """
 
     entries: Tensor
     index: Tensor
@@ -121,7 +124,7 @@ def stored_frames(sample: Tensor, tolerance: float) -> Stored:
             end += 1
         kept.append(end)
     mix: list[tuple[tuple[int, float], ...]] = [((0, 1.0),)]
-    for start, end in zip(kept, kept[1:]):
+    for start, end in itertools.pairwise(kept):
         for k in range(start + 1, end):
             share = (k - start) / (end - start)
             mix.append(((start, 1 - share), (end, share)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import tempfile
 import time
@@ -31,7 +30,7 @@ def check_space(folder: Path, needed: int) -> None:
     free = shutil.disk_usage(existing).free
     if needed > free:
         raise OutputError(
-            f"The result may need {needed / 1e6:,.0f} MB and {existing} has {free / 1e6:,.0f} MB left.",
+            f"The result may need {needed / 1e6:,.0f} MB; {existing} has {free / 1e6:,.0f} MB left.",
             "Free some space, choose another folder, a smaller size or fewer frames.",
         )
 
@@ -90,10 +89,10 @@ class StagedResult:
             before = self._earlier_files()
             names = sorted(path.name for path in self._staging.iterdir() if path.name != REPORT)
             for name in names:
-                os.replace(self._staging / name, self.folder / name)
+                (self._staging / name).replace(self.folder / name)
             for name in before - set(names):
                 (self.folder / name).unlink(missing_ok=True)
-            os.replace(staged, self.folder / REPORT)
+            staged.replace(self.folder / REPORT)
         except OSError as error:
             raise self._unwritable(error) from error
 

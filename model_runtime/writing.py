@@ -42,7 +42,13 @@ class FrameMaps:
         if self.format == "torrance-sparrow":
             return {"kd": maps.kd, "ks": maps.ks, "alpha": maps.alpha}
         if self.format == "principled-exact":
-            return dict(zip(("base_color", "specular_tint", "roughness"), principled.exact(maps)))
+            return dict(
+                zip(
+                    ("base_color", "specular_tint", "roughness"),
+                    principled.exact(maps),
+                    strict=True,
+                )
+            )
         assert self.authored is not None
         back = principled.read_back(maps, self.authored)
         return {

@@ -1,9 +1,10 @@
-"""Checkpoints of a training run: one safetensors file, replaced whole, from which it resumes exactly."""
+"""Checkpoints of a training run: one safetensors file, replaced whole, from which it resumes
+exactly.
+"""
 
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ def save_checkpoint(
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(path.name + ".partial")
     save_file(tensors, beside, metadata={"record": json.dumps(record)})
-    os.replace(beside, path)
+    beside.replace(path)
 
 
 def load_checkpoint(
@@ -44,7 +45,7 @@ def load_checkpoint(
     try:
         with safe_open(path, framework="pt") as stored:
             record = json.loads(stored.metadata()["record"])
-            tensors = {name: stored.get_tensor(name) for name in stored.keys()}
+            tensors = {name: stored.get_tensor(name) for name in stored}
     except Exception as error:  # safetensors raises its own kinds for each sort of damage
         raise ModelFileError(
             f"The checkpoint {path} cannot be read ({error}).",

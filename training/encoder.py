@@ -28,7 +28,9 @@ __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
 
 @dataclass(frozen=True)
 class EncoderConfig:
-    """One recipe. `iterations` is what `--minutes` overrides, at the speed measured on this machine."""
+    """One recipe. `iterations` is what `--minutes` overrides, at the speed measured on this
+    machine.
+    """
 
     representation: Literal["lobes", "paper"]
     iterations: int
@@ -98,7 +100,9 @@ def training_loss(
     measured: NeuralBRDFs,
     g: torch.Generator,
 ) -> Tensor:
-    """One random batch: distance of compressed values, plus tone-mapped sphere pixels and latent size."""
+    """One random batch: distance of compressed values, plus tone-mapped sphere pixels and latent
+    size.
+    """
     sources = draw_batch(measured, config.batch, g, plain=0.35 if config.augment else 1.0)
     asked = model.sample_angles(config.samples)
     targets = loss_angles(config.targets, g)

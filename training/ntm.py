@@ -54,7 +54,8 @@ def train_ntm(
     seed: int = 0,
     config: NTMConfig = NTMConfig(),
 ) -> Path:
-    """Train every rung of the ladder on a sequence and write the NTM to `output`; returns that path.
+    """Train every rung of the ladder on a sequence and write the NTM to `output`; returns that
+    path.
 
     A tenth of the texels is held out; on them each rung is scored (mean appearance PSNR over the
     ages), and the cheapest one that reaches `config.sufficient` or is within `config.margin` of the
@@ -137,7 +138,10 @@ def _ranges(initial: Tensor) -> dict[str, list[float]]:
     """The 1 % and 99 % quantiles of every parameter at age 0."""
     names = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
     low, high = initial.quantile(0.01, 0), initial.quantile(0.99, 0)
-    return {n: [round(float(a), 4), round(float(b), 4)] for n, a, b in zip(names, low, high)}
+    return {
+        n: [round(float(a), 4), round(float(b), 4)]
+        for n, a, b in zip(names, low, high, strict=True)
+    }
 
 
 def _parameter_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:

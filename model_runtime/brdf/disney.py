@@ -47,7 +47,7 @@ def evaluate(parameters: DisneyParameters, angles: Tensor) -> Tensor:
     (phi_h = 0), which only matters where `anisotropic` is not 0.
     """
     p = parameters
-    cos_i, cos_o, cos_h, cos_d = (c.clamp_min(1e-4) for c in cosines(angles))
+    cos_i, cos_o, _, cos_d = (c.clamp_min(1e-4) for c in cosines(angles))
     wi, wo = directions(angles)
 
     def column(value: Tensor) -> Tensor:

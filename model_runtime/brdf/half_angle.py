@@ -1,7 +1,7 @@
 """Half-angle coordinates of isotropic BRDFs (Rusinkiewicz, EGSRT 1998).
 
-`angles` are tensors [..., 3] holding (theta_h, theta_d, phi_d) in radians; phi_h is 0. Directions are
-unit vectors [..., 3] in the local frame whose +z is the surface normal.
+`angles` are tensors [..., 3] holding (theta_h, theta_d, phi_d) in radians; phi_h is 0. Directions
+are unit vectors [..., 3] in the local frame whose +z is the surface normal.
 """
 
 from __future__ import annotations

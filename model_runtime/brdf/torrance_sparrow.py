@@ -17,10 +17,10 @@ ALPHA_MIN = 1e-4
 def specular_lobe(alpha: Tensor, angles: Tensor) -> Tensor:
     """rho_s = D G / (4 cos_i cos_o): [N, M] for `alpha` [N] (GGX, not squared) and `angles` [M, 3].
 
-    D = a^2 / (pi (cos_h^2 (a^2 - 1) + 1)^2), G = G1(i) G1(o), G1(v) = 2 / (1 + sqrt(1 + a^2 tan^2 v)).
-    The cosines cancel inside G1: G1(v) / cos_v = 2 / (cos_v + sqrt(cos_v^2 + a^2 sin^2 v)), so that
-    the value stays finite at the horizon. sin^2 theta_h is used for 1 - cos_h^2, which keeps mirrors
-    (alpha = 1e-4) exact in single precision.
+    D = a^2 / (pi (cos_h^2 (a^2 - 1) + 1)^2), G = G1(i) G1(o), G1(v) = 2 / (1 + sqrt(1 + a^2 tan^2
+    v)). The cosines cancel inside G1: G1(v) / cos_v = 2 / (cos_v + sqrt(cos_v^2 + a^2 sin^2 v)), so
+    that the value stays finite at the horizon. sin^2 theta_h is used for 1 - cos_h^2, which keeps
+    mirrors (alpha = 1e-4) exact in single precision.
     """
     cos_i, cos_o, _, _ = cosines(angles)
     sin2_h = angles[..., 0].sin().square()

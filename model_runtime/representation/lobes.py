@@ -1,14 +1,15 @@
 """A BRDF autoencoder built on analytic lobes: faster and more accurate than the paper's.
 
-The encoder sees the BRDF at one fixed set of directions, so it is a plain MLP a channel, pooled over
-channels. The decoder turns the latents into a diffuse term and generalised GGX lobes with grazing
-gains, and multiplies the sum by a learned low-rank correction. All angular inputs are symmetric in
-the two directions: reciprocity and channel equivariance hold by construction, and the output is
-finite and not negative.
+The encoder sees the BRDF at one fixed set of directions, so it is a plain MLP a channel, pooled
+over channels. The decoder turns the latents into a diffuse term and generalised GGX lobes with
+grazing gains, and multiplies the sum by a learned low-rank correction. All angular inputs are
+symmetric in the two directions: reciprocity and channel equivariance hold by construction, and the
+output is finite and not negative.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -21,7 +22,8 @@ from .latents import Latents
 __all__ = ("LobeConfig", "LobeRepresentation", "compress", "expand")
 
 FLOOR = 0.01
-"""Reflectance (1/sr) below which differences stop mattering: a hundredth is a near-black diffuse."""
+"""Reflectance (1/sr) below which differences stop mattering: a hundredth is a near-black diffuse.
+"""
 
 
 def compress(f: Tensor) -> Tensor:
@@ -47,17 +49,17 @@ class LobeConfig:
 
 def _mlp(*sizes: int) -> nn.Sequential:
     layers: list[nn.Module] = []
-    for i, (inputs, outputs) in enumerate(zip(sizes, sizes[1:])):
+    for i, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
         layers += [nn.SiLU()] * (i > 0) + [nn.Linear(inputs, outputs)]
     return nn.Sequential(*layers)
 
 
 def encoder_directions() -> Tensor:
-    """The fixed directions [M, 3]: dense towards the mirror peak, out to grazing, above the horizon."""
-    theta_h = torch.tensor(
-        (0.0, 0.002, 0.006, 0.012, 0.022, 0.036, 0.056, 0.085, 0.125)
-        + (0.18, 0.26, 0.36, 0.5, 0.68, 0.9, 1.15, 1.35)
-    )
+    """The fixed directions [M, 3]: dense towards the mirror peak, out to grazing, above the
+    horizon.
+    """
+    near = (0.0, 0.002, 0.006, 0.012, 0.022, 0.036, 0.056, 0.085, 0.125)
+    theta_h = torch.tensor((*near, 0.18, 0.26, 0.36, 0.5, 0.68, 0.9, 1.15, 1.35))
     theta_d = torch.tensor((0.03, 0.4, 0.75, 1.05, 1.3, 1.45))
     phi_d = torch.tensor((0.0, 0.25, 0.5)) * math.pi
     grid = torch.stack(torch.meshgrid(theta_h, theta_d, phi_d, indexing="ij"), -1).reshape(-1, 3)

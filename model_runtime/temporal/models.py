@@ -1,7 +1,7 @@
 """Models of change, from the simplest up: each maps a state at age 0 to its whole history.
 
-A state is a vector [D]: the seven Torrance-Sparrow parameters (kd, ks, alpha), or latents. A history
-is [T, D], its T ages evenly spaced from 0 to 1; its first entry is the state itself.
+A state is a vector [D]: the seven Torrance-Sparrow parameters (kd, ks, alpha), or latents. A
+history is [T, D], its T ages evenly spaced from 0 to 1; its first entry is the state itself.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class LatentLSTM(nn.Module):
         memories: list[tuple[Tensor, Tensor] | None] = [None, None]
         steps = [state]
         for _ in range(frames - 1):
-            for i, (cell, step) in enumerate(zip(self.cells, self.steps)):
+            for i, (cell, step) in enumerate(zip(self.cells, self.steps, strict=True)):
                 memory = cell(present[i], memories[i])
                 memories[i] = memory
                 present[i] = (present[i] + step(memory[0])).clamp(-limit, limit)

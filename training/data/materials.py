@@ -1,4 +1,6 @@
-"""Endless random materials to train an encoder on: measured ones, bent and mixed, and analytic ones."""
+"""Endless random materials to train an encoder on: measured ones, bent and mixed, and analytic
+ones.
+"""
 
 from __future__ import annotations
 

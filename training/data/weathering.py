@@ -30,7 +30,7 @@ __all__ = ("generate", "initial_values", "write")
 Array = NDArray[np.float32]
 Rng = np.random.Generator
 
-_PATCHES = 14  # patches along a side of the tile
+_PATCHES = 20  # patches along a side of the tile
 
 
 def generate(process: str, *, size: int = 96, frames: int = 36, seed: int = 0) -> Sequence:
@@ -184,7 +184,7 @@ def _steel_like(rng: Rng) -> Array:
     if kind < 0.40:  # iron and steel, polished to mill finish; galvanised at the bright end
         return _metal(rng, np.array((1.0, 0.985, 0.965)), 0.25, 0.85)
     if kind < 0.78:  # painted steel, any hue, pale to dark
-        return _coat(rng, _hue(rng, rng.random()) * _between(rng, 0.03, 0.9))
+        return _coat(rng, _hue(rng, rng.random() ** 0.5) * _between(rng, 0.03, 0.9))
     if kind < 0.86:  # already rusty
         rust = np.array((0.25, 0.085, 0.026)) * _between(rng, 0.35, 1.3)
         return _coat(rng, rust, 1.0)
