@@ -47,8 +47,7 @@ def read_input(path: str | Path, *, size: int | None = None) -> Material:
         raise UsageError(f"The size {size} is out of range.", f"Choose 1 to {MAX_SIDE} pixels.")
     path = Path(path)
     if _is_folder(path):
-        files = _choose_files(path)
-        maps = _one_size({name: _read_map(name, file) for name, file in files.items()}, files, size)
+        maps = _read_maps(_choose_files(path), size)
         return _torrance_sparrow(maps) if "kd" in maps else _principled(maps)
     return _MEASURED[path.suffix.lower()](path)
 
@@ -137,24 +136,36 @@ def _read_map(name: str, file: Path) -> Pixels:
     return pixels.clip(max=1) if name in _UP_TO_ONE else pixels
 
 
-def _one_size(
-    maps: Mapping[str, Pixels], files: Mapping[str, Path], size: int | None
-) -> dict[str, Pixels]:
+def _read_maps(files: Mapping[str, Path], size: int | None) -> dict[str, Pixels]:
     """All maps at the size of the largest, or with `size` texels along the longer side."""
-    largest = max(maps, key=lambda name: maps[name].shape[0] * maps[name].shape[1])
-    height, width = maps[largest].shape[:2]
-    for name, pixels in maps.items():
-        h, w = pixels.shape[:2]
+    maps: dict[str, Pixels] = {}
+    shapes: dict[str, tuple[int, int]] = {}
+    for name, file in files.items():
+        pixels = _read_map(name, file)
+        shapes[name] = (pixels.shape[0], pixels.shape[1])
+        # Large maps shrink one by one, so that only one is held at its full size.
+        shrinks = size is not None and max(shapes[name]) > size
+        maps[name] = resize(pixels, _scaled(shapes[name], size)) if shrinks else pixels
+
+    largest = max(shapes, key=lambda name: shapes[name][0] * shapes[name][1])
+    height, width = shapes[largest]
+    for name, (h, w) in shapes.items():
         if (h, w) != (1, 1) and abs(h * width / (w * height) - 1) > _ASPECT_TOLERANCE:
             raise InputError(
                 f"{files[name].name} has {w} x {h} pixels and {files[largest].name} "
                 f"{width} x {height}, which is another shape.",
                 "Give all maps of the material one shape.",
             )
-    if (height, width) != (1, 1) and size is not None:
-        scale = size / max(height, width)
-        height, width = max(1, round(height * scale)), max(1, round(width * scale))
-    return {name: resize(pixels, (height, width)) for name, pixels in maps.items()}
+    shape = (height, width) if (height, width) == (1, 1) else _scaled((height, width), size)
+    return {name: resize(pixels, shape) for name, pixels in maps.items()}
+
+
+def _scaled(shape: tuple[int, int], size: int | None) -> tuple[int, int]:
+    """`shape` with `size` texels along its longer side, unchanged where that is None."""
+    if size is None:
+        return shape
+    scale = size / max(shape)
+    return max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale))
 
 
 def _torrance_sparrow(maps: Mapping[str, Pixels]) -> TorranceSparrowMaps:
