@@ -82,6 +82,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _age(arguments: argparse.Namespace) -> None:
     fields = {k: v for k, v in vars(arguments).items() if k not in ("run", "json")}
+    stdout = serve.claim_stdout()
     age = load_age()
     reporter = _Terminal()
     try:
@@ -89,11 +90,15 @@ def _age(arguments: argparse.Namespace) -> None:
     finally:
         reporter.close()
     if arguments.json:
-        print(json.dumps(aged, indent=2))
+        print(json.dumps(aged, indent=2), file=stdout, flush=True)
         return
     seconds = sum(aged["seconds"].values())
     height, width = aged["size"]
-    print(f"{aged['frames']} frames of {width} x {height} in {seconds:.1f} s: {arguments.output}")
+    print(
+        f"{aged['frames']} frames of {width} x {height} in {seconds:.1f} s: {arguments.output}",
+        file=stdout,
+        flush=True,
+    )
 
 
 def _info(arguments: argparse.Namespace) -> None:

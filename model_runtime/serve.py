@@ -25,7 +25,7 @@ from . import __version__
 from .errors import Cancelled, TvbrdfError
 from .request import MissingLibraryError, cards, load_age, request_from
 
-__all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "serve")
+__all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "claim_stdout", "serve")
 
 PROTOCOL = 1
 IDLE_MINUTES = 10.0
@@ -196,13 +196,10 @@ class _Run:
 def serve(*, idle_seconds: float) -> None:
     """Serve on this process's stdin and stdout, keeping both from everything else in it.
 
-    A library that prints, or a child that reads, must not get between the messages: file
-    descriptor 1 becomes stderr and 0 becomes empty before anything else is imported.
+    A library that prints, or a child that reads, must not get between the messages.
     """
+    replies = claim_stdout()
     requests = os.fdopen(os.dup(0), "r", encoding="utf-8", errors="replace")
-    replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    sys.stdout.flush()
-    os.dup2(2, 1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
@@ -210,6 +207,14 @@ def serve(*, idle_seconds: float) -> None:
     # Not sys.exit: the reading thread may hold `requests`, whose lock the shutdown would wait for.
     sys.stderr.flush()
     os._exit(0)
+
+
+def claim_stdout() -> TextIO:
+    """This process's stdout, for the caller alone: what anything else prints goes to stderr."""
+    sys.stdout.flush()
+    claimed = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    return claimed
 
 
 def _warm_up() -> None:

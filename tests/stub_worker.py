@@ -50,8 +50,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
     print("a library prints this")
     os.write(1, b"and this, from C\n")
     seconds = float(os.environ.get("TVBRDF_STUB_SECONDS", "0.2"))
-    beside = request.output.with_name(request.output.name + ".partial")
-    shutil.rmtree(beside, ignore_errors=True)
+    beside = request.output.with_name(f".{request.output.name}.partial-stub")
     beside.mkdir(parents=True)
     reporter.warning("The stub paints flat colours.")
     files: dict[str, list[str]] = {
@@ -72,7 +71,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
         for name, values in pixels.items():
             files[name].append(f"{name}_{frame:04d}.exr")
             write_exr(beside / files[name][-1], values)
-        reporter.progress("Rolling out" if t < 0.5 else "Writing textures", frame / request.frames)
+        reporter.progress("modelling the change" if t < 0.5 else "writing", frame / request.frames)
     aged = {
         "format": "principled",
         "ntm": request.ntm,

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
 from tvbrdf.tvbrdf_addon import worker as worker_module
 from tvbrdf.tvbrdf_addon.errors import WorkerError
 from tvbrdf.tvbrdf_addon.worker import Done, Launch, Notice, Progress, Worker, run
@@ -54,14 +55,15 @@ def request(tmp_path: Path, **changes: object) -> dict:
     return {"input": str(tmp_path), "ntm": "rust", "output": str(tmp_path / "out")} | changes
 
 
-def all_of(messages: Iterator) -> list:
-    """Every message of a run, as the blocking path takes them."""
+def all_of(messages: Iterator, each: Callable[[object], None] = lambda message: None) -> list:
+    """Every message of a run, as the blocking path takes them; `each` hears them as they come."""
     heard = []
     for message in messages:
         if message is None:
             time.sleep(0.01)
         else:
             heard.append(message)
+            each(message)
     return heard
 
 
@@ -96,12 +98,10 @@ def test_looking_at_it_never_takes_long(worker: Worker, tmp_path: Path, monkeypa
 
 def test_cancel(worker: Worker, tmp_path: Path, monkeypatch):
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "60")
-    heard = []
+    heard: list[object] = []
+    steps = run(worker, "age", request(tmp_path, frames=600), cancelled=lambda: len(heard) > 3)
     with pytest.raises(WorkerError) as caught:
-        for message in run(
-            worker, "age", request(tmp_path, frames=600), cancelled=lambda: len(heard) > 3
-        ):
-            heard += [message] if message else []
+        all_of(steps, heard.append)
     assert caught.value.code == "cancelled"
     assert worker.alive
     assert list(tmp_path.iterdir()) == []
@@ -132,11 +132,13 @@ def test_a_worker_deaf_to_cancel_is_killed(script, monkeypatch):
 
 def test_kill_9_in_the_middle_of_a_run(worker: Worker, tmp_path: Path, monkeypatch):
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "60")
+
+    def kill(_message: object) -> None:
+        os.kill(worker.pid, signal.SIGKILL)
+        worker._process.wait()
+
     with pytest.raises(WorkerError, match="killed by signal 9") as caught:
-        for message in run(worker, "age", request(tmp_path, frames=600)):
-            if isinstance(message, Progress):
-                os.kill(worker.pid, signal.SIGKILL)
-                worker._process.wait()
+        all_of(run(worker, "age", request(tmp_path, frames=600)), kill)
     assert caught.value.code == "died"
     assert "memory" in caught.value.hint
     # The next run starts another one.

@@ -146,15 +146,14 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
                 return {"PASS_THROUGH"}
         except TvbrdfError as error:
             cancelled = error.code == "cancelled"
-            icon = "INFO" if cancelled else "ERROR"
-            self._end(context, icon=icon, sentences=(str(error),))
-            self.report({icon}, str(error))
+            self._end(context, icon="NONE" if cancelled else "ERROR", sentences=(str(error),))
+            self.report({"INFO" if cancelled else "ERROR"}, str(error))
             return {"CANCELLED"}
         except BaseException:
             self._end(context, icon="ERROR", sentences=("Ageing failed; see the console.",))
             raise
         warnings = tuple(self._run.warnings)
-        self._end(context, icon="INFO", sentences=warnings)
+        self._end(context, icon="ERROR", sentences=warnings)
         self.report({"INFO"}, f"{self._run.plan.material_name} ages")
         for warning in warnings:
             self.report({"WARNING"}, warning)
@@ -162,7 +161,8 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         # Blender calls this when the window closes or another file is loaded.
-        self._end(context, icon="INFO", sentences=("Ageing was cancelled.",))
+        reason = self._run.ended_by or "Ageing ended, because its window was closed."
+        self._end(context, icon="NONE", sentences=(reason,))
 
     def _end(self, context: bpy.types.Context, *, icon: str, sentences: tuple[str, ...]) -> None:
         context.window_manager.event_timer_remove(self._timer)

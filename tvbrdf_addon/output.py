@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import re
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
 from .errors import SettingsError
 
-__all__ = ("file_safe", "free_folder", "require_writable")
+__all__ = ("file_safe", "free_folder", "remove_partial", "require_writable")
 
 # Names that Windows keeps for devices, whatever their extension.
 RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
@@ -54,6 +56,15 @@ def require_writable(folder: Path) -> None:
         raise SettingsError(
             f"The output folder {existing} cannot be written to.", "Choose another output folder."
         )
+
+
+def remove_partial(folder: Path) -> None:
+    """Remove what a worker that was killed has left of a result beside `folder`.
+
+    `model_runtime.result` stages there, and cleans up itself unless it is killed.
+    """
+    for path in folder.parent.glob(f".{glob.escape(folder.name)}.partial-*"):
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _is_ours(folder: Path) -> bool:

@@ -45,7 +45,7 @@ def _time_left(seconds: float) -> str:
 def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = material_of(context)
     if material is None:
-        layout.label(text="Give the object a material to age it", icon="INFO")
+        layout.label(text="Give the object a material to age it.")
         return
     layout.use_property_split = True
     layout.use_property_decorate = False
@@ -119,7 +119,7 @@ def _draw_action(
     row = layout.row()
     row.scale_y = 1.5
     text = "Age Again from the Original" if aged else "Age Material"
-    row.operator("tvbrdf.age_material", text=text, icon="TIME")
+    row.operator("tvbrdf.age_material", text=text)
     if reason := why_not(material, context.scene):
         _paragraph(layout, context, reason, "ERROR")
     if aged:
@@ -134,10 +134,15 @@ def _draw_outcome(
     layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
 ) -> None:
     outcome = session.outcome()
-    if outcome is None or outcome.material_uid != material.session_uid:
+    if outcome is None:
         return
-    for sentence in outcome.sentences:
-        _paragraph(layout, context, sentence, outcome.icon)
+    if outcome.material_uid == material.session_uid:
+        for sentence in outcome.sentences:
+            _paragraph(layout, context, sentence, outcome.icon)
+    elif not any(other.session_uid == outcome.material_uid for other in bpy.data.materials):
+        # It was deleted, or its file closed: there is no other place left to say so.
+        for sentence in outcome.sentences:
+            _paragraph(layout, context, f"{outcome.material_name}: {sentence}", outcome.icon)
 
 
 def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

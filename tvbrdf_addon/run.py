@@ -12,18 +12,19 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from . import output, properties
-from .errors import MaterialError, RunEndedError, SettingsError
-from .material.bind import bind
+from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
-from .material.read import Reading, read
 from .material.revert import is_aged, revert
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
+
+if TYPE_CHECKING:
+    from .material.read import Reading
 
 __all__ = ("Plan", "Run", "object_with", "plan", "why_not")
 
@@ -162,7 +163,7 @@ class Run:
     """A run that goes on while `step` says so.
 
     `stage`, `fraction` (0 to 1) and `seconds_left` are for the eye; `warnings` and, at its end,
-    `aged` (the content of `aged.json`) for the report.
+    `aged` (the content of `aged.json`) for the report; `ended_by` says what ended it from outside.
     """
 
     def __init__(self, plan: Plan, worker: Worker) -> None:
@@ -172,7 +173,7 @@ class Run:
         self.warnings: list[str] = []
         self.aged: dict[str, Any] = {}
         self.cancel_requested = False
-        self._ended_by = ""
+        self.ended_by = ""
         self._worker = worker
         self._computing_since: float | None = None
         self._steps = self._all_steps()
@@ -184,9 +185,9 @@ class Run:
             TvbrdfError: it failed, was cancelled (`code` is `cancelled`) or ended from outside;
                 the material is as it was.
         """
-        if self._ended_by:
+        if self.ended_by:
             self.close()
-            raise RunEndedError(self._ended_by, "Nothing was changed.")
+            raise RunEndedError(self.ended_by, "Nothing was changed.")
         try:
             next(self._steps)
         except StopIteration:
@@ -199,7 +200,7 @@ class Run:
 
     def end(self, reason: str) -> None:
         """End it because of what happened to the file; `reason` is one sentence."""
-        self._ended_by = reason
+        self.ended_by = reason
         self.close()
 
     def close(self) -> None:
@@ -227,6 +228,9 @@ class Run:
         self._bind(reading)
 
     def _read(self, folder: Path) -> Reading:
+        # Only now: numpy, which it needs, has no part in drawing a panel.
+        from .material.read import read
+
         scene = _by_uid(bpy.data.scenes, self.plan.scene_uid)
         obj = _by_uid(bpy.data.objects, self.plan.object_uid)
         if scene is None or (obj is None and self.plan.object_uid is not None):
@@ -245,14 +249,21 @@ class Run:
             "output": str(self.plan.folder),
             "size": size,
         }
-        messages = ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested)
-        for message in messages:
+        try:
+            yield from self._listen(request)
+        except WorkerError:
+            if not self._worker.alive:
+                output.remove_partial(self.plan.folder)
+            raise
+
+    def _listen(self, request: dict[str, Any]) -> Iterator[None]:
+        for message in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()
             match message:
                 case Progress(stage, fraction):
                     if self._computing_since is None:
                         self._computing_since = time.monotonic()
-                    self.stage, self.fraction = stage, max(self.fraction, fraction)
+                    self.stage, self.fraction = stage.capitalize(), max(self.fraction, fraction)
                 case Notice(text):
                     self.warnings.append(text)
                 case Done(result):
@@ -260,6 +271,8 @@ class Run:
             yield
 
     def _bind(self, reading: Reading) -> None:
+        from .material.bind import bind
+
         self.stage, self.fraction = "Building the nodes", 1.0
         material = self._material()
         _require_whole(self.plan.folder)

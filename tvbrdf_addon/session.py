@@ -31,9 +31,13 @@ POLL_SECONDS = 0.05
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended, for the panel of the material it was about."""
+    """How a run ended, for the panel of the material it was about.
+
+    `sentences` are its warnings, or why it failed; `icon` goes before each.
+    """
 
     material_uid: int
+    material_name: str
     icon: str
     sentences: tuple[str, ...]
 
@@ -75,7 +79,7 @@ def finish(run: Run, *, icon: str, sentences: tuple[str, ...]) -> None:
     run.close()
     if _current is run:
         _current = None
-    _outcome = Outcome(run.plan.material_uid, icon, sentences)
+    _outcome = Outcome(run.plan.material_uid, run.plan.material_name, icon, sentences)
 
 
 def age_and_wait(material: bpy.types.Material, scene: bpy.types.Scene) -> Run:
@@ -97,7 +101,7 @@ def age_and_wait(material: bpy.types.Material, scene: bpy.types.Scene) -> Run:
         for warning in sentences:
             print(f"{run.plan.material_name}: Warning: {warning}", flush=True)
     finally:
-        finish(run, icon="INFO", sentences=sentences)
+        finish(run, icon="ERROR", sentences=sentences)
     return run
 
 

@@ -1,0 +1,285 @@
+"""The panel in a window: looked at, clicked, and disturbed in every way while a run goes on.
+
+    windowed-blender windowed_panel.py EXCHANGE_FOLDER EXTENSION.zip
+
+The exchange folder must hold `stub_worker.py` and, in `site-packages`, numpy for Python 3.13.
+Leaves `panel.png` (before), `progress.png`, `aged.png` and `properties.png` there.  Clicks go to
+real pixels: buttons are found by giving them a colour that nothing else has.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import bpy
+
+EXCHANGE = Path("/exchange")
+# Debian's Blender comes without numpy, which every other Blender brings.
+sys.path.insert(0, str(EXCHANGE / "site-packages"))
+import numpy as np  # noqa: E402
+
+SIGNAL = (1.0, 0.0, 1.0, 1.0)
+# What a script has to wait for Blender to draw, and for a click to arrive.
+DRAWN = 0.7
+
+Steps = Iterator[float]
+
+
+def material() -> bpy.types.Material:
+    return bpy.data.materials["Painted Steel"]
+
+
+def session():
+    return importlib.import_module("bl_ext.user_default.tvbrdf.tvbrdf_addon.session")
+
+
+def is_aged() -> bool:
+    return bool(material().tvbrdf.original)
+
+
+def build_scene() -> None:
+    steel = bpy.data.materials["Material"]
+    steel.name = "Painted Steel"
+    tree = steel.node_tree
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    noise.location = (-300, 200)
+    tree.links.new(noise.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    steel.tvbrdf.size = 64
+    steel.tvbrdf.steps = 12
+    bpy.context.scene.frame_end = 100
+    bpy.ops.wm.save_as_mainfile(filepath=str(EXCHANGE / "scene.blend"))
+    # What a script does is no step of its own: the undo that is tried would go back behind it.
+    bpy.ops.ed.undo_push(message="Build the scene")
+
+
+def show_panel() -> None:
+    area = max(bpy.context.window.screen.areas, key=lambda area: area.width * area.height)
+    area.ui_type = "ShaderNodeTree"
+    area.spaces.active.show_region_ui = True
+
+
+def choose_tab() -> None:
+    area = next(a for a in bpy.context.window.screen.areas if a.ui_type == "ShaderNodeTree")
+    sidebar(area).active_panel_category = "Age"
+    area.tag_redraw()
+
+
+def sidebar(area: bpy.types.Area) -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == "UI")
+
+
+def shoot(name: str) -> Path:
+    path = EXCHANGE / f"{name}.png"
+    subprocess.run(["import", "-window", "root", str(path)], check=True)
+    return path
+
+
+def redraw() -> None:
+    for area in bpy.context.window.screen.areas:
+        area.tag_redraw()
+
+
+def buttons() -> Iterator[float | list[tuple[int, int]]]:
+    """Wait for drawing, then give the centres of the sidebar's buttons, from top to bottom."""
+    widget = bpy.context.preferences.themes[0].user_interface.wcol_tool
+    usual = tuple(widget.inner)
+    widget.inner = SIGNAL
+    # Away with the mouse: what it hovers over is brighter.
+    subprocess.run(["xdotool", "mousemove", "400", "600"], check=True)
+    redraw()
+    yield DRAWN
+    image = bpy.data.images.load(str(shoot("signal")))
+    width, height = image.size
+    pixels = np.empty(width * height * 4, np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    widget.inner = usual
+    redraw()
+    pixels = pixels.reshape(height, width, 4)[::-1]
+    magenta = (pixels[..., 0] > 0.9) & (pixels[..., 1] < 0.2) & (pixels[..., 2] > 0.9)
+    area = next(a for a in bpy.context.window.screen.areas if a.ui_type == "ShaderNodeTree")
+    region = sidebar(area)
+    magenta[:, : region.x] = False
+    magenta[:, region.x + region.width :] = False
+    rows = np.flatnonzero(magenta.sum(axis=1) > 40)
+    centres = []
+    for group in np.split(rows, np.flatnonzero(np.diff(rows) > 3) + 1):
+        if len(group) > 8:
+            columns = np.flatnonzero(magenta[group].any(axis=0))
+            centres.append((int(columns.min() + 30), int(group.mean())))
+    yield centres
+
+
+def press(number: int) -> Steps:
+    """Click the sidebar's button with this number, counted from the top."""
+    found: list[tuple[int, int]] = []
+    for step in buttons():
+        if isinstance(step, float):
+            yield step
+        else:
+            found = step
+    assert len(found) > number, f"there are only {len(found)} buttons: {found}"
+    x, y = found[number]
+    yield from click(x, y)
+
+
+def click(x: int, y: int) -> Steps:
+    subprocess.run(["xdotool", "mousemove", str(x - 3), str(y)], check=True)
+    yield 0.2
+    subprocess.run(["xdotool", "mousemove", str(x), str(y)], check=True)
+    yield 0.2
+    subprocess.run(["xdotool", "click", "1"], check=True)
+    yield DRAWN
+
+
+def key(name: str) -> Steps:
+    subprocess.run(["xdotool", "key", name], check=True)
+    yield DRAWN
+
+
+def until(condition: Callable[[], bool], seconds: float = 20) -> Steps:
+    waited = 0.0
+    while not condition():
+        assert waited < seconds, "it did not happen in time"
+        waited += 0.1
+        yield 0.1
+
+
+def start() -> Steps:
+    yield from press(0)
+    yield from until(lambda: session().current() is not None, 5)
+    yield from until(lambda: session().current().fraction > 0.1)
+
+
+def ended() -> bool:
+    return session().current() is None
+
+
+def outcome() -> str:
+    return " ".join(session().outcome().sentences)
+
+
+def ages_and_undoes() -> Steps:
+    yield from start()
+    shoot("progress")
+    yield from until(ended)
+    yield DRAWN
+    assert is_aged()
+    assert material().node_tree.nodes["Age"]
+    shoot("aged")
+    yield from key("ctrl+z")
+    assert not is_aged(), "one undo takes the whole run back"
+    yield from key("ctrl+shift+z")
+    assert is_aged()
+    # Age again, Revert, Freeze: the second button.
+    yield from press(1)
+    assert not is_aged(), "Revert"
+
+
+def cancels() -> Steps:
+    yield from start()
+    # While a run goes on, the sidebar has no other button than Cancel.
+    yield from press(0)
+    yield from until(ended)
+    assert not is_aged()
+    assert "Cancelled" in outcome()
+    yield from start()
+    yield from key("Escape")
+    yield from until(ended)
+    assert not is_aged()
+    assert "Cancelled" in outcome()
+
+
+def survives_renaming() -> Steps:
+    yield from start()
+    material().name = "Another Name"
+    yield from until(ended)
+    renamed = bpy.data.materials["Another Name"]
+    assert renamed.tvbrdf.original
+    renamed.name = "Painted Steel"
+    yield from press(1)
+    assert not is_aged()
+
+
+def ends_on_undo() -> Steps:
+    bpy.ops.ed.undo_push(message="before")
+    material().tvbrdf.seed = 5
+    bpy.ops.ed.undo_push(message="seed")
+    yield from start()
+    yield from key("ctrl+z")
+    yield from until(ended)
+    assert not is_aged()
+    assert "undo" in outcome()
+
+
+def ends_on_deletion() -> Steps:
+    copy = material().copy()
+    bpy.context.object.active_material = copy
+    yield DRAWN
+    yield from start()
+    bpy.data.materials.remove(copy)
+    yield from until(ended)
+    assert "deleted" in outcome()
+    bpy.context.object.active_material = material()
+
+
+def ends_on_loading() -> Steps:
+    yield from start()
+    bpy.ops.wm.open_mainfile(filepath=str(EXCHANGE / "scene.blend"))
+    yield from until(ended)
+    yield DRAWN
+    assert not is_aged()
+    assert "another file" in outcome()
+
+
+def properties_editor() -> Steps:
+    area = next(a for a in bpy.context.window.screen.areas if a.type == "PROPERTIES")
+    area.spaces.active.context = "MATERIAL"
+    yield DRAWN
+    shoot("properties")
+
+
+def everything() -> Steps:
+    os.environ["TVBRDF_WORKER"] = str(EXCHANGE / "stub_worker.py")
+    os.environ["TVBRDF_STUB_SECONDS"] = "6"
+    yield 1.0
+    # Away with the splash screen.
+    yield from key("Escape")
+    build_scene()
+    show_panel()
+    yield DRAWN
+    choose_tab()
+    yield DRAWN
+    shoot("panel")
+    yield from ages_and_undoes()
+    yield from cancels()
+    yield from survives_renaming()
+    yield from ends_on_undo()
+    yield from ends_on_deletion()
+    yield from ends_on_loading()
+    yield from properties_editor()
+
+
+steps = everything()
+
+
+def advance() -> float:
+    try:
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+            return next(steps)
+    except StopIteration:
+        print("windowed panel: all is well", flush=True)
+        os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+        shoot("failed")
+        os._exit(1)
+
+
+bpy.app.timers.register(advance, first_interval=2, persistent=True)

@@ -1,0 +1,79 @@
+"""Where results go: names that every system accepts, and no folder that someone else uses."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tvbrdf.tvbrdf_addon.errors import SettingsError
+from tvbrdf.tvbrdf_addon.output import file_safe, free_folder, remove_partial, require_writable
+
+
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [
+        ("Painted Steel", "Painted Steel"),
+        ("Metall.001", "Metall.001"),
+        ("Rost/Stahl: alt?", "Rost_Stahl_ alt_"),
+        ("Eisentür ржавчина 錆", "Eisentür ржавчина 錆"),
+        ("..", "material"),
+        ("", "material"),
+        (".hidden", "_hidden"),
+        ("ends with a dot.", "ends with a dot"),
+        ("NUL", "_NUL"),
+        ("com1.steel", "_com1.steel"),
+        ("a\nb", "a_b"),
+    ],
+)
+def test_names(name: str, folder: str):
+    assert file_safe(name) == folder
+
+
+@given(st.text())
+def test_any_name_is_one_folder(name: str):
+    safe = file_safe(name)
+    assert safe == Path(safe).name
+    assert 0 < len(os.fsencode(safe)) < 200
+    assert safe == safe.strip()
+    assert not safe.startswith(".")
+    assert not set(safe) & set('<>:"/\\|?*')
+
+
+def test_a_folder_that_is_not_there_is_free(tmp_path: Path):
+    assert free_folder(tmp_path, "Steel", []) == tmp_path / "Steel"
+
+
+def test_an_earlier_result_is_written_over_unless_it_is_shown(tmp_path: Path):
+    (tmp_path / "Steel").mkdir()
+    (tmp_path / "Steel" / "aged.json").write_text("{}")
+    assert free_folder(tmp_path, "Steel", []) == tmp_path / "Steel"
+    assert free_folder(tmp_path, "Steel", [tmp_path / "Steel"]) == tmp_path / "Steel.001"
+
+
+def test_the_users_own_files_are_left_alone(tmp_path: Path):
+    (tmp_path / "Steel").mkdir()
+    (tmp_path / "Steel" / "photo.jpg").write_text("")
+    (tmp_path / "Steel.001").write_text("a file")
+    assert free_folder(tmp_path, "Steel", []) == tmp_path / "Steel.002"
+
+
+def test_names_that_differ_in_case_do_not_share_a_folder(tmp_path: Path):
+    assert free_folder(tmp_path, "steel", [tmp_path / "Steel"]) == tmp_path / "steel.001"
+
+
+def test_writable(tmp_path: Path):
+    require_writable(tmp_path / "not" / "yet" / "there")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SettingsError, match="not a folder"):
+        require_writable(tmp_path / "file" / "below")
+
+
+def test_only_what_a_killed_worker_left_of_this_result_is_removed(tmp_path: Path):
+    for name in (".Steel[1].partial-ab", ".Steel1.partial-cd", "Steel[1]"):
+        (tmp_path / name).mkdir()
+    remove_partial(tmp_path / "Steel[1]")
+    assert {path.name for path in tmp_path.iterdir()} == {".Steel1.partial-cd", "Steel[1]"}
