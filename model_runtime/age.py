@@ -1,4 +1,6 @@
-"""Ageing a material: the pipeline that joins reading, planning, rolling out, fitting and writing."""
+"""Ageing a material: the pipeline that joins reading, planning, rolling out, fitting and
+writing.
+"""
 
 from __future__ import annotations
 

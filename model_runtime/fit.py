@@ -23,7 +23,9 @@ _CHUNK = 4096
 
 @dataclass(frozen=True)
 class Fit:
-    """`kd`, `ks` [N, 3] >= 0, `alpha` [N] in [1e-4, 1] and the relative RMS `error` [N] of the fit."""
+    """`kd`, `ks` [N, 3] >= 0, `alpha` [N] in [1e-4, 1] and the relative RMS `error` [N] of
+    the fit.
+    """
 
     kd: Tensor
     ks: Tensor
@@ -51,7 +53,9 @@ def fit_angles() -> Tensor:
 
 @dataclass(frozen=True)
 class _Moments:
-    """Weighted sums over directions that the linear problem needs; f is [N, M, 3], weights [N, M]."""
+    """Weighted sums over directions that the linear problem needs; f is [N, M, 3], weights
+    [N, M].
+    """
 
     weights: Tensor
     weighted: Tensor
@@ -113,7 +117,7 @@ def fit_torrance_sparrow(
 
     Least squares of the relative error. For a given alpha, Kd and Ks are linear and solved in
     closed form with Kd, Ks >= 0; alpha is found on a logarithmic grid of 40 and refined by
-    Gauss-Newton steps. Samples that are not finite are left out. specular "mono" gives one Ks for all
+    Gauss-Newton steps. Samples that are not finite are left out. With "mono", one Ks serves all
     channels.
     """
     angles = fit_angles() if angles is None else angles

@@ -34,7 +34,9 @@ class Histories:
 
 
 def fit_measured(brdf: MeasuredBRDF, specular: Literal["rgb", "mono"]) -> tuple[Tensor, float]:
-    """Torrance-Sparrow parameters [1, 7] of a measured BRDF and the relative RMS error of the fit."""
+    """Torrance-Sparrow parameters [1, 7] of a measured BRDF and the relative RMS error of the
+    fit.
+    """
     fit = fit_torrance_sparrow(brdf.evaluate(fit_angles())[None], specular=specular)
     return fit.parameters(), float(fit.error[0])
 
@@ -93,7 +95,9 @@ def _encode(
 def _decode_and_fit(
     latents: Latents, flat: Tensor, representation: Representation, specular: Literal["rgb", "mono"]
 ) -> tuple[Tensor, float]:
-    """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error of the fit."""
+    """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error of the
+    fit.
+    """
     angles = fit_angles()
     decoded = representation.decode(latents.unflat(flat), angles)
     fit = fit_torrance_sparrow(decoded, angles, specular=specular)

@@ -43,7 +43,9 @@ _MAX_FILE = 1 << 28
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What a model file says of itself. `kind` is "encoder" or "ntm"; `details` is the whole card."""
+    """What a model file says of itself. `kind` is "encoder" or "ntm"; `details` is the whole
+    card.
+    """
 
     path: Path
     kind: str
@@ -133,7 +135,9 @@ def read_card(path: Path) -> ModelCard:
 
 
 def list_models(folders: Sequence[Path] = (MODELS,)) -> list[ModelCard]:
-    """The cards of all readable NTMs in `folders`, by title; files that are not models are skipped."""
+    """The cards of all readable NTMs in `folders`, by title; files that are not models are
+    skipped.
+    """
     cards = []
     for path in sorted(path for folder in folders for path in folder.glob("*.safetensors")):
         try:
@@ -171,7 +175,9 @@ def hash_tensors(tensors: Mapping[str, Tensor]) -> str:
 
 
 def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
-    """Tensors and card of the model file at `path`, which must be an "encoder" or "ntm" (`kind`)."""
+    """Tensors and card of the model file at `path`, which must be an "encoder" or "ntm"
+    (`kind`).
+    """
     import safetensors
     import torch
     from safetensors.torch import load_file

@@ -25,12 +25,14 @@ _QUEUED = 8
 
 
 def check_space(folder: Path, needed: int) -> None:
-    """Raise OutputError unless the disk of `folder` (which may not exist yet) has `needed` bytes."""
+    """Raise OutputError unless the disk of `folder` (which may not exist yet) has `needed`
+    bytes.
+    """
     existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     free = shutil.disk_usage(existing).free
     if needed > free:
         raise OutputError(
-            f"The result may need {needed / 1e6:,.0f} MB; {existing} has {free / 1e6:,.0f} MB left.",
+            f"The result may need {needed / 1e6:,.0f} MB; {existing} has {free / 1e6:,.0f} left.",
             "Free some space, choose another folder, a smaller size or fewer frames.",
         )
 
@@ -71,7 +73,9 @@ class StagedResult:
         shutil.rmtree(self._staging, ignore_errors=True)
 
     def write(self, name: str, pixels: Pixels) -> None:
-        """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or later."""
+        """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or
+        later.
+        """
         self._settle(_QUEUED)
         self._pending.append(self._pool.submit(write_exr, self._staging / name, pixels))
 
@@ -111,7 +115,9 @@ class StagedResult:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _earlier_files(self) -> set[str]:
-        """Names of the EXR files that the report in the folder says are ours; no path is followed."""
+        """Names of the EXR files that the report in the folder says are ours; no path is
+        followed.
+        """
         try:
             earlier = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
             listed = [entry for files in earlier["files"].values() for entry in files]

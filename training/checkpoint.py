@@ -26,7 +26,9 @@ def save_checkpoint(
     generator: torch.Generator,
     record: dict[str, Any],
 ) -> None:
-    """Write weights, Adam moments, random state and `record` (step, config, ...: JSON) to `path`."""
+    """Write weights, Adam moments, random state and `record` (step, config, ...: JSON) to
+    `path`.
+    """
     tensors = {f"model.{name}": value.contiguous() for name, value in model.state_dict().items()}
     for index, state in optimizer.state_dict()["state"].items():
         for key in ("exp_avg", "exp_avg_sq", "step"):

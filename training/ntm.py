@@ -145,7 +145,9 @@ def _ranges(initial: Tensor) -> dict[str, list[float]]:
 
 
 def _parameter_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:
-    """[B, T, 7]: squared difference in standard deviations, and of square roots (as the eye sees)."""
+    """[B, T, 7]: squared difference in standard deviations, and of square roots (as the eye
+    sees).
+    """
     standard = (estimate - truth) / model.scale
     seen = estimate.clamp_min(1e-4).sqrt() - truth.clamp_min(1e-4).sqrt()
     return standard.square() + 30 * seen.square()
@@ -169,7 +171,9 @@ def _train(
     minutes: float | None,
     seed: int,
 ) -> int:
-    """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the iterations done."""
+    """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the iterations
+    done.
+    """
     from torch.utils.tensorboard import SummaryWriter
 
     g = torch.Generator().manual_seed(seed)

@@ -15,7 +15,9 @@ __all__ = ("DisneyParameters", "evaluate")
 
 @dataclass(frozen=True)
 class DisneyParameters:
-    """`base_color` [N, 3] linear; the ten others [N], each in 0..1 (anisotropic: x is the tangent)."""
+    """`base_color` [N, 3] linear; the ten others [N], each in 0..1 (anisotropic: x is the
+    tangent).
+    """
 
     base_color: Tensor
     subsurface: Tensor

@@ -35,6 +35,8 @@ def specular_lobe(alpha: Tensor, angles: Tensor) -> Tensor:
 
 
 def evaluate(kd: Tensor, ks: Tensor, alpha: Tensor, angles: Tensor) -> Tensor:
-    """f = Kd / pi + Ks rho_s, per steradian: [N, M, 3] for kd, ks [N, 3], alpha [N], angles [M, 3]."""
+    """f = Kd / pi + Ks rho_s, per steradian: [N, M, 3] for kd, ks [N, 3], alpha [N], angles
+    [M, 3].
+    """
     lobe = specular_lobe(alpha, angles)
     return torch.addcmul(kd[:, None, :] / math.pi, ks[:, None, :], lobe[:, :, None])

@@ -22,7 +22,9 @@ def build(name: str) -> LobeRepresentation | PaperRepresentation:
 
 
 def load_representation(path: Path = ENCODER) -> tuple[nn.Module, str]:
-    """The trained representation in `path`, ready for use, and the hash that NTMs refer to it by."""
+    """The trained representation in `path`, ready for use, and the hash that NTMs refer to it
+    by.
+    """
     tensors, card = load_model(path, "encoder")
     if card.name not in _KINDS:
         raise ModelFileError(

@@ -64,7 +64,9 @@ def log_transform(a: Tensor) -> Tensor:
 
 
 def inverse_log_transform(b: Tensor) -> Tensor:
-    """l^-1(b), each step's result clamped to 10 as in the published code, since it overflows fast."""
+    """l^-1(b), each step's result clamped to 10 as in the published code, since it overflows
+    fast.
+    """
     for _ in range(3):
         b = torch.expm1(b).clamp(max=10)
     return torch.expm1(b)

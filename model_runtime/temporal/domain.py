@@ -20,14 +20,18 @@ def perceptual(parameters: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Domain:
-    """Initial states seen in training: `centres` [C, 7] (perceptual) and the `radius` they cover."""
+    """Initial states seen in training: `centres` [C, 7] (perceptual) and the `radius` they
+    cover.
+    """
 
     centres: Tensor
     radius: float
 
     @classmethod
     def of(cls, initial: Tensor, *, count: int = 256, seed: int = 0) -> Domain:
-        """From initial parameters [N, 7]: farthest-point centres and the 99.5 % distance to them."""
+        """From initial parameters [N, 7]: farthest-point centres and the 99.5 % distance to
+        them.
+        """
         points = perceptual(initial)
         g = torch.Generator().manual_seed(seed)
         order = torch.randperm(len(points), generator=g)

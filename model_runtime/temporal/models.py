@@ -29,7 +29,9 @@ class Constant:
 
 
 class Affine:
-    """x_c(a) = gain_c(a) x_c(0) + offset_c(a), channel by channel: two numbers a channel and age."""
+    """x_c(a) = gain_c(a) x_c(0) + offset_c(a), channel by channel: two numbers a channel and
+    age.
+    """
 
     def __init__(self, gain: Tensor, offset: Tensor) -> None:
         """`gain`, `offset`: [T, D], 1 and 0 at age 0."""
@@ -37,7 +39,9 @@ class Affine:
 
     @classmethod
     def fit(cls, histories: Tensor, observed: Tensor) -> Affine:
-        """Least squares on `histories` [N, T, D] where `observed` [N, T]; gains stay within 0..1.5."""
+        """Least squares on `histories` [N, T, D] where `observed` [N, T]; gains stay within
+        0..1.5.
+        """
         weight = observed.to(histories.dtype)[..., None]
         count = weight.sum(0).clamp_min(1)
         start = histories[:, :1]

@@ -85,7 +85,9 @@ class Sphere:
         return cls(from_directions(wi, wo).float(), weights.float())
 
     def render(self, evaluate: Evaluate, *, chunk: int = 32) -> Tensor:
-        """Radiance [N, E, P, 3] of N uniform materials: `evaluate`(angles [M, 3]) -> f [N, M, 3]."""
+        """Radiance [N, E, P, 3] of N uniform materials: `evaluate`(angles [M, 3]) -> f [N, M,
+        3].
+        """
         parts = []
         for start in range(0, len(self.angles), chunk):
             angles = self.angles[start : start + chunk]
