@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from json import dumps
 from pathlib import Path
 from typing import Literal
 
@@ -107,6 +108,32 @@ def weathering(
     from .data import weathering as sequences
 
     sequences.write(process, output, size=size, frames=frames, seed=seed)
+
+
+@app.command
+def evaluate(
+    what: tyro.conf.Positional[Literal["representation"]],
+    output: Path,
+    pixels: int = 64,
+    json: bool = False,
+) -> None:
+    """Measure what is bundled; reports go to the output folder.
+
+    Args:
+        what: the representation's PSNR on every set of materials.
+        output: the folder to write.
+        pixels: width of the rendered spheres (fewer is faster and rougher).
+        json: print the report on stdout as well.
+    """
+    from .data.location import data_folder
+    from .evaluation.representation import evaluate_representation
+
+    report = evaluate_representation(data_folder(), output, pixels=pixels)
+    if json:
+        print(dumps(report, indent=1))
+        return
+    for name, scores in report["methods"]["ours"]["sets"].items():
+        print(f"{what} {name:17}", *(f"{key} {scores[key]:6.2f}" for key in ("mean", "min", "p5")))
 
 
 def main() -> int:

@@ -154,8 +154,8 @@ def _between(rng: Rng, low: float, high: float) -> float:
 
 
 def _hue(rng: Rng, saturation: float) -> Array:
-    """A random colour of lightness 1 at its brightest channel."""
-    colour = 1 - saturation * rng.random(3)
+    """A random colour of lightness 1 at its brightest channel; grey at saturation 0, pure at 1."""
+    colour = rng.random(3) ** (4 * saturation)
     return colour / colour.max()
 
 
@@ -184,7 +184,7 @@ def _steel_like(rng: Rng) -> Array:
     if kind < 0.40:  # iron and steel, polished to mill finish; galvanised at the bright end
         return _metal(rng, np.array((1.0, 0.985, 0.965)), 0.25, 0.85)
     if kind < 0.78:  # painted steel, any hue, pale to dark
-        return _coat(rng, _hue(rng, rng.random() ** 0.5) * _between(rng, 0.03, 0.9))
+        return _coat(rng, _hue(rng, rng.random()) * _between(rng, 0.03, 0.9))
     if kind < 0.86:  # already rusty
         rust = np.array((0.25, 0.085, 0.026)) * _between(rng, 0.35, 1.3)
         return _coat(rng, rust, 1.0)

@@ -13,6 +13,8 @@ from torch import Tensor
 
 from model_runtime.brdf.half_angle import from_directions
 
+from .radiance import read_radiance
+
 __all__ = ("MAPS", "Sphere", "psnr", "tone_map")
 
 MAPS = ("potsdamer_platz", "studio_small_03", "forest_slope")
@@ -31,10 +33,9 @@ def psnr(truth: Tensor, estimate: Tensor) -> Tensor:
     return (-10 * error.clamp_min(1e-10).log10()).clamp_max(100)
 
 
-def _read_environment(path: Path, height: int, width: int) -> np.ndarray:
-    from model_runtime.images import read_image
-
-    pixels = read_image(path, color=True).astype(np.float64)
+def _averaged(path: Path, height: int, width: int) -> np.ndarray:
+    """The map at `path`, averaged over blocks to [height, width, 3]."""
+    pixels = read_radiance(path)
     rows, columns = pixels.shape[0] // height, pixels.shape[1] // width
     return pixels.reshape(height, rows, width, columns, 3).mean((1, 3))
 
@@ -63,7 +64,7 @@ class Sphere:
         )
         radiance = []
         for name in MAPS:
-            image = torch.from_numpy(_read_environment(hdri / f"{name}_1k.hdr", height, width))
+            image = torch.from_numpy(_averaged(hdri / f"{name}_1k.hdr", height, width))
             image = image.reshape(-1, 3)
             mean = (image * solid[:, None]).sum() / (3 * solid.sum())
             radiance.append(image / mean)
