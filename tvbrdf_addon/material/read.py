@@ -77,16 +77,17 @@ def read(
             for name, socket in sockets.items()
             if space.kind == "texture" and is_direct(socket)
         }
+        uniform = space.kind == "uniform"
         shape = _shape(space, direct, size)
         maps |= {name: resampled(pixels, shape) for name, pixels in direct.items()}
         rest = [name for name in sockets if name not in maps]
+        sampling = Sampling.of(space.images[0]) if space.kind == "texture" else Sampling()
         uv_map = active_uv_map(obj) if space.kind == "uv" else None
         if rest:
             warnings += _bake(maps, rest, copy, material, obj, uv_map, shape, frame)
     for name, pixels in maps.items():
         write_exr(folder / f"{name}.exr", _bounded(name, pixels))
-    sampling = Sampling.of(space.images[0]) if space.kind == "texture" else Sampling()
-    return Reading(shape, space.kind == "uniform", uv_map, tuple(warnings), sampling)
+    return Reading(shape, uniform, uv_map, tuple(warnings), sampling)
 
 
 @contextmanager

@@ -1,0 +1,270 @@
+"""Binding an aged result: what moves, what stays, what travels with the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from tests.blender.material_cases import (
+    add,
+    image,
+    link,
+    made_up,
+    new_material,
+    plane,
+    principled_of,
+    procedural,
+    render,
+    snapshot,
+    view_from_above,
+    write_result,
+)
+
+pytestmark = pytest.mark.usefixtures("empty_scene")
+
+
+def read(material, obj, tmp_path: Path):
+    from tvbrdf.tvbrdf_addon.material.read import read as read_material
+
+    folder = tmp_path / "maps"
+    folder.mkdir(exist_ok=True)
+    return read_material(
+        material=material, obj=obj, scene=bpy.context.scene, folder=folder, size=16
+    )
+
+
+def bind(material, obj, folder: Path, tmp_path: Path, span=(1, 10)):
+    from tvbrdf.tvbrdf_addon.material.bind import bind as bind_material
+
+    return bind_material(
+        material=material,
+        reading=read(material, obj, tmp_path),
+        folder=folder,
+        frame_start=span[0],
+        frame_end=span[1],
+    )
+
+
+def emitting(material) -> None:
+    """Shows Base Color as light, so that a render gives its value."""
+    tree = material.node_tree
+    emission = add(material, "ShaderNodeEmission")
+    tree.links.new(principled_of(material).inputs[0].links[0].from_socket, emission.inputs[0])
+    tree.links.new(emission.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+
+
+def sockets_of(material):
+    return principled_of(material).inputs
+
+
+def test_age_is_a_keyed_value_and_drivers_are_simple(tmp_path):
+    material = new_material()
+    procedural(material)
+    bind(material, plane(material), made_up(tmp_path / "aged"), tmp_path, span=(5, 25))
+    age = material.node_tree.nodes["Age"]
+    from tvbrdf.tvbrdf_addon.material.animation import channels
+
+    (curve,) = [c for c in channels(material.node_tree) if "Age" in c.data_path]
+    assert [tuple(p.co) for p in curve.keyframe_points] == [(5, 0), (25, 1)]
+    assert {p.interpolation for p in curve.keyframe_points} == {"LINEAR"}
+    assert age.type == "VALUE" and age.label == "Age"
+    drivers = material.node_tree.animation_data.drivers
+    assert len(drivers) == 4
+    assert all(each.driver.is_simple_expression for each in drivers)
+
+
+@pytest.mark.parametrize(
+    ("frame", "shown"), [(-20, 1), (1, 1), (2, 1), (4, 2), (7, 3), (10, 4), (400, 4)]
+)
+def test_the_frame_shown_follows_age_and_holds_outside_the_range(tmp_path, frame, shown):
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    view_from_above()
+    bind(material, obj, made_up(tmp_path / "aged"), tmp_path)
+    emitting(material)
+    picture = render(tmp_path / "shown.exr", frame, size=4, samples=1)
+    np.testing.assert_allclose(picture, shown / 4, rtol=2e-3)
+
+
+def test_moving_the_keys_of_age_retimes(tmp_path):
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    view_from_above()
+    bind(material, obj, made_up(tmp_path / "aged"), tmp_path)
+    emitting(material)
+    from tvbrdf.tvbrdf_addon.material.animation import channels
+
+    for curve in channels(material.node_tree):
+        for point, at in zip(curve.keyframe_points, (101, 110), strict=True):
+            point.co.x = at
+        curve.update()
+    np.testing.assert_allclose(render(tmp_path / "a.exr", 50, size=4, samples=1), 0.25, rtol=2e-3)
+    np.testing.assert_allclose(render(tmp_path / "b.exr", 110, size=4, samples=1), 1, rtol=2e-3)
+
+
+def test_uniform_material_gets_keyed_sockets_and_no_textures(tmp_path):
+    material = new_material()
+    material.tvbrdf.onset = "none"
+    plane(material)
+    before = snapshot(material)
+    values = [0.2, 0.4, 0.8]
+    maps = {
+        "base_color": [np.full((1, 1, 3), v) for v in values],
+        "metallic": [np.zeros((1, 1))] * 3,
+        "specular": [np.full((1, 1), 0.5)] * 3,
+        "roughness": [np.full((1, 1), v) for v in values],
+    }
+    folder = write_result(tmp_path / "aged", "principled", maps)
+    bind(material, None, folder, tmp_path, span=(1, 101))
+    for path in folder.iterdir():
+        path.unlink()
+    assert not [n for n in material.node_tree.nodes if n.type == "TEX_IMAGE"]
+    for frame, value in ((1, 0.2), (26, 0.3), (51, 0.4), (76, 0.6), (101, 0.8), (500, 0.8)):
+        bpy.context.scene.frame_set(frame)
+        inputs = sockets_of(material)
+        assert inputs["Roughness"].default_value == pytest.approx(value, rel=1e-3)
+        np.testing.assert_allclose(inputs["Base Color"].default_value[:3], value, rtol=1e-3)
+        assert inputs["Metallic"].default_value == 0
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    revert(material)
+    assert snapshot(material) == before
+
+
+def test_a_map_that_never_changes_keeps_what_fed_it(tmp_path):
+    material = new_material()
+    procedural(material)
+    metallic = sockets_of(material)["Metallic"].links[0].from_node.name
+    folder = made_up(tmp_path / "aged")
+    same = (folder / "metallic_0001.exr").read_bytes()
+    for path in folder.glob("metallic_*.exr"):
+        path.write_bytes(same)
+    bind(material, plane(material), folder, tmp_path)
+    assert sockets_of(material)["Metallic"].links[0].from_node.name == metallic
+    assert "tvbrdf" in sockets_of(material)["Roughness"].links[0].from_node
+
+
+def test_images_keep_their_mapping(tmp_path):
+    material = new_material()
+    tree = material.node_tree
+    texture = add(
+        material,
+        "ShaderNodeTexImage",
+        image=image("Wood", np.random.default_rng(0).random((8, 4, 3))),
+        extension="EXTEND",
+        interpolation="Closest",
+    )
+    coordinates, mapping = add(material, "ShaderNodeTexCoord"), add(material, "ShaderNodeMapping")
+    mapping.inputs["Scale"].default_value = (3, 2, 1)
+    tree.links.new(coordinates.outputs["UV"], mapping.inputs[0])
+    tree.links.new(mapping.outputs[0], texture.inputs[0])
+    link(material, texture.outputs[0], "Base Color")
+    bind(material, plane(material), made_up(tmp_path / "aged"), tmp_path)
+    played = sockets_of(material)["Base Color"].links[0].from_node
+    assert played.inputs["Vector"].links[0].from_node == mapping
+    assert (played.extension, played.interpolation) == ("EXTEND", "Closest")
+
+
+def test_paths_are_relative_to_a_saved_file(tmp_path):
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bind(material, obj, made_up(tmp_path / "aged" / "Paint"), tmp_path)
+    paths = {n.image.filepath for n in material.node_tree.nodes if n.type == "TEX_IMAGE"}
+    assert "//aged/Paint/base_color_0001.exr" in {path.replace("\\", "/") for path in paths}
+
+
+def test_two_materials_do_not_touch_each_other(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    first, second = new_material("First"), new_material("Second")
+    for material in (first, second):
+        procedural(material)
+    before = snapshot(first)
+    second_obj = plane(second)
+    bind(second, second_obj, made_up(tmp_path / "two"), tmp_path)
+    bpy.context.scene.frame_set(1)
+    aged = snapshot(second)
+    bind(first, plane(first), made_up(tmp_path / "one"), tmp_path)
+    revert(first)
+    assert {**snapshot(second), "images": None} == {**aged, "images": None}
+    now = snapshot(first)
+    assert all(now[key] == before[key] for key in ("nodes", "links", "animation", "original"))
+
+
+def test_ageing_again_starts_from_the_original_and_leaves_no_images(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    before = snapshot(material)
+    bind(material, obj, made_up(tmp_path / "one"), tmp_path)
+    images = len(bpy.data.images)
+    bind(material, obj, made_up(tmp_path / "two", "torrance-sparrow"), tmp_path)
+    assert len(bpy.data.images) == images - 1  # four maps, then three
+    revert(material)
+    assert snapshot(material) == before
+
+
+def test_a_copy_of_an_aged_material_reverts_alone(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    material = new_material()
+    procedural(material)
+    bind(material, plane(material), made_up(tmp_path / "one"), tmp_path)
+    aged = snapshot(material)
+    copy = material.copy()
+    revert(copy)
+    assert snapshot(material) == aged
+
+
+@pytest.mark.parametrize("spoil", ["missing", "sparse", "format", "damaged", "no json"])
+def test_a_bad_result_is_refused_and_changes_nothing(tmp_path, spoil):
+    import json
+
+    from tvbrdf.tvbrdf_addon.errors import MaterialError
+
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    folder = made_up(tmp_path / "aged")
+    data = json.loads((folder / "aged.json").read_text())
+    if spoil == "missing":
+        (folder / "roughness_0003.exr").unlink()
+    elif spoil == "sparse":
+        data["files"]["roughness"] = [[["roughness_0001.exr", 1.0]]] * 4
+    elif spoil == "format":
+        data["format"] = "spectral"
+    (folder / "aged.json").write_text("{" if spoil == "damaged" else json.dumps(data))
+    if spoil == "no json":
+        (folder / "aged.json").unlink()
+    before = snapshot(material)
+    with pytest.raises(MaterialError) as caught:
+        bind(material, obj, folder, tmp_path)
+    assert caught.value.message.endswith(".") and caught.value.hint
+    assert snapshot(material) == before
+
+
+def test_normals_emission_and_alpha_outlive_torrance_sparrow(tmp_path):
+    material = new_material()
+    procedural(material)
+    tree, inputs = material.node_tree, sockets_of(material)
+    bump = add(material, "ShaderNodeBump")
+    tree.links.new(bump.outputs[0], inputs["Normal"])
+    inputs["Emission Strength"].default_value = 2.0
+    inputs["Alpha"].default_value = 0.5
+    inputs["Coat Weight"].default_value = 0.3
+    warnings = bind(
+        material, plane(material), made_up(tmp_path / "aged", "torrance-sparrow"), tmp_path
+    )
+    assert len(warnings) == 1 and "coat" in warnings[0]
+    normals = {link.to_node.type for link in bump.outputs[0].links}
+    assert normals == {"BSDF_PRINCIPLED", "BSDF_DIFFUSE", "BSDF_GLOSSY"}
+    mix = tree.get_output_node("CYCLES").inputs["Surface"].links[0].from_node
+    assert mix.type == "MIX_SHADER" and mix.inputs[0].default_value == 0.5
