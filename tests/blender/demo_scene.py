@@ -15,7 +15,7 @@ from mathutils import Vector
 
 HALF_WIDTH, HALF_HEIGHT, DEPTH = 1.0, 1.28, 0.7
 CORNER, FILLET = 0.26, 0.13  # radii of the outline and of the edge between face and side
-FACE = 0.80  # share of the texture, from its centre, that the front takes
+FACE, BEND = 0.66, 0.08  # shares of the texture, from its centre out, of the front and its edge
 
 
 def rectangle_distance(x: np.ndarray, z: np.ndarray, inset: float, corner: float) -> np.ndarray:
@@ -50,8 +50,8 @@ def can_surface(s: np.ndarray, t: np.ndarray) -> np.ndarray:
     shrink = 1 - FILLET / np.maximum(np.hypot(edge_x, edge_z), 1e-9)
     # Along a spoke: flat front, a quarter circle, the straight side.
     front = np.minimum(radius / FACE, 1)
-    bend = np.clip((radius - FACE) / 0.06, 0, 1) * (math.pi / 2)
-    side = np.clip((radius - FACE - 0.06) / (1 - FACE - 0.06), 0, 1)
+    bend = np.clip((radius - FACE) / BEND, 0, 1) * (math.pi / 2)
+    side = np.clip((radius - FACE - BEND) / (1 - FACE - BEND), 0, 1)
     share = front * shrink + (1 - shrink) * np.sin(bend)
     x, z = edge_x * share, edge_z * share
     y = -DEPTH / 2 + FILLET * (1 - np.cos(bend)) + side * (DEPTH - FILLET)

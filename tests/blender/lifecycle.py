@@ -11,7 +11,6 @@ import sys
 import time
 from pathlib import Path
 
-import addon_utils
 import bpy
 import numpy as np
 import small_scene
@@ -30,6 +29,8 @@ def installed(extension: Path, site_packages: Path) -> None:
 
 
 def disabled_and_enabled() -> None:
+    import addon_utils  # which importing bpy makes findable
+
     addon_utils.disable(MODULE, default_set=True)
     assert not hasattr(bpy.types.Material, "tvbrdf")
     assert not hasattr(bpy.types, "TVBRDF_OT_age_material")

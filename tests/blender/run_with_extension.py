@@ -11,11 +11,18 @@ from __future__ import annotations
 import runpy
 import sys
 
-import addon_utils
-import bpy  # noqa: F401 (starts Blender)
+import bpy  # noqa: F401 (before all else: it brings addon_utils)
 
 MODULE = "bl_ext.user_default.tvbrdf"
 
-assert addon_utils.enable(MODULE, default_set=True) is not None, f"{MODULE} could not be enabled"
-del sys.argv[0]
-runpy.run_path(sys.argv[0], run_name="__main__")
+
+def main() -> None:
+    import addon_utils
+
+    enabled = addon_utils.enable(MODULE, default_set=True)
+    assert enabled is not None, f"{MODULE} could not be enabled"
+    del sys.argv[0]
+    runpy.run_path(sys.argv[0], run_name="__main__")
+
+
+main()
