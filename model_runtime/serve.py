@@ -123,8 +123,10 @@ class Server:
     def _end(self) -> None:
         self._cancel(None)
         self._runs.put(None)
-        # A run that is deep in one long computation must not outlive Blender.
-        timer = threading.Timer(GRACE_SECONDS, os._exit, args=(0,))
+        # Neither a run that is deep in one long computation nor the import of torch may keep it.
+        with self._run_lock:
+            patience = GRACE_SECONDS if self._run is not None else 0.0
+        timer = threading.Timer(patience, os._exit, args=(0,))
         timer.daemon = True
         timer.start()
 

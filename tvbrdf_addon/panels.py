@@ -56,11 +56,11 @@ def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     _draw_range(settings, context, material)
     _draw_detail(settings, material)
     layout.separator()
+    _draw_action(layout, context, material)
     if run is not None:
         _draw_progress(layout, run)
-        return
-    _draw_action(layout, context, material)
-    _draw_outcome(layout, context, material)
+    else:
+        _draw_outcome(layout, context, material)
 
 
 def _draw_model(
@@ -99,6 +99,27 @@ def _draw_detail(layout: bpy.types.UILayout, material: bpy.types.Material) -> No
     column.prop(settings, "output")
 
 
+def _draw_action(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    aged = is_aged(material)
+    row = layout.row()
+    row.scale_y = 1.5
+    # It stays during a run, greyed out, so that nothing else comes to lie under the mouse.
+    text = "Age Again from the Original" if aged else "Age Material"
+    row.operator("tvbrdf.age_material", text=text)
+    if session.current() is not None:
+        return
+    if reason := why_not(material, context.scene):
+        _paragraph(layout, context, reason, "ERROR")
+    if aged:
+        row = layout.row(align=True)
+        row.operator("tvbrdf.revert", icon="LOOP_BACK")
+        row.operator(
+            "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
+        )
+
+
 def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
     column = layout.column(align=True)
     left = run.seconds_left
@@ -110,24 +131,6 @@ def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
     row.operator(
         "tvbrdf.cancel", text="Cancelling…" if run.cancel_requested else "Cancel", icon="X"
     )
-
-
-def _draw_action(
-    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
-) -> None:
-    aged = is_aged(material)
-    row = layout.row()
-    row.scale_y = 1.5
-    text = "Age Again from the Original" if aged else "Age Material"
-    row.operator("tvbrdf.age_material", text=text)
-    if reason := why_not(material, context.scene):
-        _paragraph(layout, context, reason, "ERROR")
-    if aged:
-        row = layout.row(align=True)
-        row.operator("tvbrdf.revert", icon="LOOP_BACK")
-        row.operator(
-            "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
-        )
 
 
 def _draw_outcome(

@@ -13,6 +13,9 @@ from . import preferences
 
 __all__ = ("CLASSES", "OWN_FILE", "card_of", "frame_range", "model_file", "register", "unregister")
 
+# Blender 4.5 and later want to be told that a path may begin with `//`; earlier ones never ask.
+RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()
+
 # The item of the model list that means `ntm_file`.
 OWN_FILE = "file"
 
@@ -108,6 +111,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Model File",
         description="Model file (.safetensors) made by the training package",
         subtype="FILE_PATH",
+        options=RELATIVE,
     )
     use_scene_range: bpy.props.BoolProperty(
         name="Scene Range",
@@ -152,6 +156,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Folder for the textures; every material gets a folder of its own inside",
         default="//aged",
         subtype="DIR_PATH",
+        options=RELATIVE,
     )
     tolerance: bpy.props.FloatProperty(
         name="Tolerance",
@@ -177,6 +182,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Start Image",
         description="Greyscale image that says when each texel starts to age",
         subtype="FILE_PATH",
+        options=RELATIVE,
     )
     seed: bpy.props.IntProperty(
         name="Seed",
@@ -204,7 +210,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Result",
         description="Folder with the textures of the last run",
         subtype="DIR_PATH",
-        options={"HIDDEN"},
+        options={"HIDDEN"} | RELATIVE,
     )
 
 

@@ -152,8 +152,12 @@ def until(condition: Callable[[], bool], seconds: float = 20) -> Steps:
 
 
 def start() -> Steps:
-    yield from press(0)
-    yield from until(lambda: session().current() is not None, 5)
+    for _ in range(3):
+        yield from press(0)
+        if session().current() is not None:
+            break
+        # A click that falls into a moment of work, such as that after a deletion, is lost.
+        yield 1.0
     yield from until(lambda: session().current().fraction > 0.1)
 
 

@@ -1,0 +1,137 @@
+"""`blender -b file.blend --command age_material ...`: exit codes and what is written.
+
+The Blender module has no dispatcher, so the registered function is called.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import pytest
+
+from tvbrdf.tvbrdf_addon.cli import main
+from tvbrdf.tvbrdf_addon.material.revert import is_aged
+
+STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"
+USUAL = ("--ntm", "rust", "--frames", "1-20", "--steps", "4", "--onset", "none", "--size", "16")
+
+
+@pytest.fixture
+def folder(empty_scene: bpy.types.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a saved file with three planes of Steel, Copper and Oak."""
+    monkeypatch.setenv("TVBRDF_WORKER", str(STUB))
+    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0")
+    monkeypatch.chdir(tmp_path)
+    for name in ("Steel", "Copper", "Oak"):
+        bpy.ops.mesh.primitive_plane_add()
+        material = bpy.data.materials.new(name)
+        if bpy.app.version < (5, 0):
+            material.use_nodes = True
+        bpy.context.object.data.materials.append(material)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "file.blend"))
+    return tmp_path
+
+
+def aged() -> set[str]:
+    return {material.name for material in bpy.data.materials if is_aged(material)}
+
+
+def test_many_materials_each_in_its_folder(folder: Path):
+    words = ["--material", "Steel", "--material", "Oak", *USUAL, "--output", "//results"]
+    assert main(words) == 0
+    assert aged() == {"Steel", "Oak"}
+    assert (folder / "results" / "Steel" / "aged.json").is_file()
+    assert (folder / "results" / "Oak" / "aged.json").is_file()
+
+
+def test_without_save_as_the_file_is_left_as_it_was(folder: Path):
+    before = (folder / "file.blend").read_bytes()
+    assert main(["--material", "Steel", *USUAL]) == 0
+    assert (folder / "file.blend").read_bytes() == before
+
+
+def test_save_as_elsewhere_finds_its_textures(folder: Path):
+    (folder / "deep" / "er").mkdir(parents=True)
+    words = ["--material", "Steel", *USUAL, "--save-as", "deep/er/aged.blend"]
+    assert main(words) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "deep" / "er" / "aged.blend"))
+    assert aged() == {"Steel"}
+    images = [image for image in bpy.data.images if image.source == "SEQUENCE"]
+    assert images
+    for image in images:
+        assert image.filepath.startswith("//")
+        assert Path(bpy.path.abspath(image.filepath)).is_file()
+
+
+def test_an_output_without_slashes_is_the_shells(folder: Path, tmp_path_factory, monkeypatch):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    monkeypatch.chdir(elsewhere)
+    assert main(["--material", "Steel", *USUAL, "--output", "here"]) == 0
+    assert (elsewhere / "here" / "Steel" / "aged.json").is_file()
+
+
+def test_what_was_asked_for_is_kept_in_the_material(folder: Path):
+    words = [
+        *("--material", "Steel", "--ntm", "rust", "--frames", "5-9", "--steps", "3"),
+        *("--quality", "draft", "--tolerance", "40", "--temporal-model", "affine"),
+        *("--onset", "none", "--seed", "8", "--format", "as-authored", "--specular", "mono"),
+    ]
+    assert main(words) == 0
+    kept = bpy.data.materials["Steel"].tvbrdf
+    assert (kept.frame_start, kept.frame_end, kept.steps, kept.seed) == (5, 9, 3, 8)
+    assert (kept.quality, kept.tolerance, kept.temporal_model) == ("draft", 40.0, "affine")
+    assert (kept.onset, kept.format, kept.specular) == ("none", "as-authored", "mono")
+
+
+def test_one_failure_does_not_keep_the_others_but_is_the_exit_code(folder: Path, capfd):
+    bpy.data.materials["Steel"].node_tree.nodes.clear()
+    words = ["--material", "Steel", "--material", "Oak", *USUAL, "--save-as", "aged.blend"]
+    assert main(words) == 1
+    assert aged() == {"Oak"}
+    assert not (folder / "aged.blend").exists()
+    err = capfd.readouterr().err
+    assert "Not aged: Steel. aged.blend was not written." in err
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            ["--material", "Cooper", *USUAL],
+            "There is no material called Cooper. Did you mean Copper?",
+        ),
+        (["--material", "Steel", "--ntm", "moss", "--frames", "1-9"], "no model called 'moss'"),
+        (["--material", "Steel", *USUAL, "--save-as", "nowhere/x.blend"], "There is no folder"),
+    ],
+)
+def test_what_is_not_there_is_said_before_any_work(
+    folder: Path, capfd, words: list[str], sentence: str
+):
+    assert main(words) == 1
+    assert sentence in capfd.readouterr().err
+    assert aged() == set()
+    assert [path.name for path in folder.iterdir()] == ["file.blend"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["--material", "Steel"],
+        ["--material", "Steel", "--ntm", "rust", "--frames", "9-1"],
+        ["--material", "Steel", "--ntm", "rust", "--frames", "5"],
+        ["--material", "Steel", *USUAL, "--steps", "0"],
+        ["--material", "Steel", *USUAL, "--quality", "best"],
+        ["--material", "Steel", *USUAL, "--tolerance", "lots"],
+        ["--material", "Steel", *USUAL, "--surprise"],
+    ],
+)
+def test_wrong_usage(folder: Path, words: list[str]):
+    assert main(words) == 2
+    assert aged() == set()
+
+
+def test_help_is_no_failure(empty_scene: bpy.types.Scene, capsys):
+    assert main(["--help"]) == 0
+    assert "--command age_material" in capsys.readouterr().out

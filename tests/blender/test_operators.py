@@ -1,0 +1,277 @@
+"""The operators as a script without a window calls them; the stub stands in for the computing."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import pytest
+
+from tvbrdf.tvbrdf_addon import session
+from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
+from tvbrdf.tvbrdf_addon.material.revert import is_aged
+from tvbrdf.tvbrdf_addon.run import Run
+
+STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"
+STEPS = 4
+
+
+@pytest.fixture(autouse=True)
+def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TVBRDF_WORKER", str(STUB))
+    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0.05")
+
+
+@pytest.fixture
+def folder(empty_scene: bpy.types.Scene, tmp_path: Path) -> Path:
+    """The folder of a saved file with one material, Steel, on a plane."""
+    add_material("Steel")
+    empty_scene.frame_start, empty_scene.frame_end = 1, 20
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "file.blend"))
+    return tmp_path
+
+
+def add_material(name: str) -> bpy.types.Material:
+    bpy.ops.mesh.primitive_plane_add()
+    material = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    bpy.context.object.data.materials.append(material)
+    # Uniform and aged everywhere at once is quickest; the stub's maps are textures all the same.
+    material.tvbrdf.steps, material.tvbrdf.size, material.tvbrdf.onset = STEPS, 16, "none"
+    return material
+
+
+def age(name: str = "") -> set[str]:
+    return bpy.ops.tvbrdf.age_material(material=name)
+
+
+def steel() -> bpy.types.Material:
+    return bpy.data.materials["Steel"]
+
+
+def image_folders(material: bpy.types.Material) -> set[str]:
+    images = [node.image for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
+    return {Path(bpy.path.abspath(image.filepath)).parent.name for image in images if image}
+
+
+def left_behind(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if "partial" in path.name or path.suffix == ".exr"]
+
+
+def test_age_the_active_material(folder: Path):
+    assert bpy.ops.tvbrdf.age_material() == {"FINISHED"}
+    assert is_aged(steel())
+    aged = json.loads((folder / "aged" / "Steel" / "aged.json").read_text())
+    assert aged["frames"] == STEPS
+    assert steel().tvbrdf.folder == "//aged/Steel"
+
+
+def test_age_a_material_by_name(folder: Path):
+    add_material("Copper")
+    assert age("Steel") == {"FINISHED"}
+    assert is_aged(steel())
+    assert not is_aged(bpy.data.materials["Copper"])
+
+
+def test_the_range_is_keyed(folder: Path):
+    steel().tvbrdf.frame_start, steel().tvbrdf.frame_end = 11, 51
+    age()
+    value = steel().node_tree.nodes["Age"].outputs[0]
+    ages = {}
+    for frame in (1, 11, 31, 51, 60):
+        bpy.context.scene.frame_set(frame)
+        ages[frame] = value.default_value
+    assert ages == pytest.approx({1: 0.0, 11: 0.0, 31: 0.5, 51: 1.0, 60: 1.0})
+
+
+def test_revert_and_revert_again(folder: Path):
+    age()
+    assert bpy.ops.tvbrdf.revert() == {"FINISHED"}
+    assert not is_aged(steel())
+    with pytest.raises(RuntimeError, match="Steel is not aged"):
+        bpy.ops.tvbrdf.revert(material="Steel")
+
+
+def test_freeze(folder: Path):
+    age()
+    bpy.context.scene.frame_set(10)
+    assert bpy.ops.tvbrdf.freeze() == {"FINISHED"}
+    assert is_aged(steel())
+    assert bpy.ops.tvbrdf.revert() == {"FINISHED"}
+    with pytest.raises(RuntimeError, match="not aged"):
+        bpy.ops.tvbrdf.freeze(material="Steel")
+
+
+def test_two_materials_do_not_share_a_folder(folder: Path):
+    # File-safe, both would be called a_b.
+    for name in ("a/b", "a:b"):
+        add_material(name)
+        assert age(name) == {"FINISHED"}
+    assert image_folders(bpy.data.materials["a/b"]) == {"a_b"}
+    assert image_folders(bpy.data.materials["a:b"]) == {"a_b.001"}
+
+
+def test_ageing_again_leaves_the_shown_files_alone(folder: Path):
+    """An undo, or closing without saving, must find the textures that it shows."""
+    age()
+    before = {p: p.read_bytes() for p in (folder / "aged" / "Steel").iterdir()}
+    assert age() == {"FINISHED"}
+    assert {p: p.read_bytes() for p in (folder / "aged" / "Steel").iterdir()} == before
+    assert image_folders(steel()) == {"Steel.001"}
+
+
+def test_a_copy_of_an_aged_material_keeps_its_files(folder: Path):
+    age()
+    copy = steel().copy()
+    age("Steel")
+    age("Steel")
+    assert image_folders(copy) == {"Steel"}
+    assert (folder / "aged" / "Steel" / "aged.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda m: setattr(m.tvbrdf, "output", ""), "no output folder"),
+        (lambda m: setattr(m.tvbrdf, "frame_end", -5), "is empty"),
+        (lambda m: setattr(m.tvbrdf, "ntm", "file"), "No model is chosen"),
+        (lambda m: setattr(m.tvbrdf, "onset", "image"), "No start image"),
+        (lambda m: m.node_tree.nodes.clear(), "Material Output"),
+    ],
+)
+def test_what_cannot_be_done_is_said(folder: Path, change: Callable, sentence: str):
+    change(steel())
+    with pytest.raises(RuntimeError, match=sentence):
+        age()
+    assert not is_aged(steel())
+    assert session.current() is None
+
+
+def test_unknown_names_get_the_closest(folder: Path):
+    with pytest.raises(RuntimeError, match="Did you mean Steel"):
+        age("steal")
+
+
+def test_no_material(empty_scene: bpy.types.Scene):
+    with pytest.raises(RuntimeError, match="no material here"):
+        age()
+
+
+def test_an_unsaved_file_has_no_folder(empty_scene: bpy.types.Scene, tmp_path: Path):
+    material = add_material("Steel")
+    with pytest.raises(RuntimeError, match="not saved yet"):
+        age()
+    material.tvbrdf.output = str(tmp_path)
+    assert age() == {"FINISHED"}
+    assert Path(material.tvbrdf.folder) == tmp_path / "Steel"
+
+
+def test_an_output_that_is_a_file(folder: Path):
+    (folder / "aged").write_text("not a folder")
+    with pytest.raises(RuntimeError, match="is a file, not a folder"):
+        age()
+
+
+def test_a_failure_of_the_worker_changes_nothing(folder: Path, monkeypatch):
+    age()
+    original = steel().tvbrdf.original
+    monkeypatch.setenv("TVBRDF_WORKER", str(folder / "missing.py"))
+    session.stop_worker()
+    with pytest.raises(RuntimeError, match="There is no worker at"):
+        age()
+    assert steel().tvbrdf.original == original
+    assert image_folders(steel()) == {"Steel"}
+
+
+def stepped(until: Callable[[Run], bool] = lambda run: run.fraction > 0) -> Run:
+    """A run that has come so far, as the modal operator does it."""
+    run = session.begin(steel(), bpy.context.scene)
+    while not until(run):
+        assert run.step()
+    return run
+
+
+@pytest.fixture
+def slow(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A run long enough to be disturbed."""
+    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "30")
+    steel().tvbrdf.steps = 600
+    return folder
+
+
+def ending(run: Run) -> Exception:
+    try:
+        while run.step():
+            pass
+    except Exception as error:
+        session.finish(run, icon="ERROR", sentences=(str(error),))
+        return error
+    pytest.fail("the run went through")
+
+
+def test_there_is_one_run_at_a_time(slow: Path):
+    run = stepped()
+    assert not bpy.ops.tvbrdf.age_material.poll()
+    with pytest.raises(SettingsError, match="Steel is being aged"):
+        session.begin(steel(), bpy.context.scene)
+    bpy.ops.tvbrdf.cancel()
+    assert ending(run).code == "cancelled"
+    assert bpy.ops.tvbrdf.age_material.poll()
+    assert left_behind(slow) == []
+    assert not is_aged(steel())
+
+
+def test_renaming_during_a_run(folder: Path):
+    run = stepped()
+    steel().name = "Iron"
+    while run.step():
+        pass
+    session.finish(run, icon="NONE", sentences=())
+    assert is_aged(bpy.data.materials["Iron"])
+
+
+def test_deleting_during_a_run(slow: Path):
+    run = stepped()
+    bpy.data.materials.remove(steel())
+    error = ending(run)
+    assert isinstance(error, RunEndedError)
+    assert "Steel was deleted" in error.message
+
+
+def test_loading_during_a_run(slow: Path):
+    run = stepped()
+    bpy.ops.wm.open_mainfile(filepath=str(slow / "file.blend"))
+    assert "another file" in str(ending(run))
+    assert not is_aged(steel())
+
+
+def test_undo_during_a_run(slow: Path):
+    bpy.ops.ed.undo_push(message="first")
+    steel().tvbrdf.seed = 3
+    bpy.ops.ed.undo_push(message="second")
+    run = stepped()
+    bpy.ops.ed.undo()
+    assert "undo" in str(ending(run))
+    assert not is_aged(steel())
+
+
+def test_killing_the_worker_during_a_run(slow: Path):
+    run = stepped()
+    os.kill(session._warm_worker().pid, signal.SIGKILL)
+    assert "killed by signal 9" in str(ending(run))
+    assert left_behind(slow) == []
+    assert not is_aged(steel())
+
+
+def test_time_left_is_a_guess_from_the_pace(slow: Path, monkeypatch):
+    run = stepped(lambda run: run.fraction > 0.06)
+    monkeypatch.setattr("time.monotonic", lambda: run._computing_since + 12.0)
+    run.fraction = 0.25
+    assert run.seconds_left == pytest.approx(36.0)
+    run.cancel()
+    ending(run)
