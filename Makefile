@@ -24,7 +24,7 @@ help:
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
 	@echo "make format         put the code in order"
 	@echo "make types          check types with pyright"
-	@echo "make clean          remove what was built, environments excepted"
+	@echo "make clean          remove what was built; environments and trainings stay"
 
 demo: $(READY)
 	@extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
@@ -53,7 +53,7 @@ format: .venv/ready
 	.venv/bin/python -m ruff format .
 
 clean:
-	rm -rf build out
+	rm -rf build/wheels build/demo-profile build/tvbrdf-* out
 
 # Environments.  Scripts inside them are not called: their first line breaks in a path with a space.
 
