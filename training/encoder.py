@@ -46,7 +46,10 @@ class EncoderConfig:
     """Random sphere pixels compared after tone mapping, 0 for none."""
     latent_noise: float
     """Standard deviation added to latents, so that near latents decode to near BRDFs."""
-    augment: bool
+    bent: float
+    """Share of the measured materials that are bent, mixed and recoloured."""
+    torrance_sparrow: float
+    """Share of a batch; half of it is measured, the rest Disney."""
 
 
 CONFIGS = {
@@ -61,7 +64,8 @@ CONFIGS = {
         schedule="cosine",
         pixels=8,
         latent_noise=0.02,
-        augment=True,
+        bent=0.65,
+        torrance_sparrow=0.25,
     ),
     "paper": EncoderConfig(
         representation="paper",
@@ -74,7 +78,8 @@ CONFIGS = {
         schedule="constant",
         pixels=0,
         latent_noise=0.0,
-        augment=False,
+        bent=0.0,
+        torrance_sparrow=0.0,
     ),
 }
 
@@ -103,7 +108,9 @@ def training_loss(
     """One random batch: distance of compressed values, plus tone-mapped sphere pixels and latent
     size.
     """
-    sources = draw_batch(measured, config.batch, g, plain=0.35 if config.augment else 1.0)
+    sources = draw_batch(
+        measured, config.batch, g, bent=config.bent, torrance_sparrow=config.torrance_sparrow
+    )
     asked = model.sample_angles(config.samples)
     targets = loss_angles(config.targets, g)
     pixel_angles, weights = sphere_angles(config.pixels, 64, g)
@@ -162,6 +169,9 @@ def train_encoder(
     for step in bar:
         for group in optimizer.param_groups:
             group["lr"] = learning_rate(recipe, step, record["iterations"])
+        torch.manual_seed(
+            seed + step
+        )  # of the variational latents, so that a resumed run is the same
         loss = training_loss(model, recipe, measured, g)
         optimizer.zero_grad()
         loss.backward()

@@ -35,7 +35,7 @@ _VALIDATION_TEXELS = 256
 class NTMConfig:
     """Both LSTMs are trained alike; `sufficient` and `margin` (dB) decide which rung is used."""
 
-    iterations: int = 4000
+    iterations: int = 1500
     batch: int = 256
     learning_rate: float = 3e-3
     warm_up: int = 100

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from model_runtime.brdf import disney, torrance_sparrow
-from model_runtime.brdf.half_angle import above_horizon
+from model_runtime.brdf import disney
+from model_runtime.brdf import torrance_sparrow as ts
+from model_runtime.brdf.half_angle import above_horizon, from_directions
 
 from .analytic import random_disney, random_torrance_sparrow
 from .nbrdf import NeuralBRDFs
@@ -76,21 +77,24 @@ class _BentMeasured:
 
 
 def draw_batch(
-    measured: NeuralBRDFs, size: int, g: torch.Generator, *, plain: float = 0.35
+    measured: NeuralBRDFs, size: int, g: torch.Generator, *, bent: float, torrance_sparrow: float
 ) -> list[Evaluate]:
     """Functions of angles [M, 3] -> f [n, M, 3] that make up `size` materials.
 
-    Half are measured (a share `plain` of them as they are, the rest bent), a quarter Disney, a
-    quarter Torrance-Sparrow.
+    Half are measured (a share `bent` of them changed), a share `torrance_sparrow` of the batch
+    follows that model, the rest are Disney's.
     """
-    quarter = size // 4
-    parameters = random_disney(quarter, g)
-    kd, ks, alpha = random_torrance_sparrow(quarter, g)
-    return [
-        _BentMeasured.draw(measured, size - 2 * quarter, plain, g),
+    simple = int(size * torrance_sparrow)
+    disney_count = size // 2 - simple
+    parameters = random_disney(disney_count, g)
+    states = random_torrance_sparrow(simple, g)
+    sources: list[Evaluate] = [
+        _BentMeasured.draw(measured, size - size // 2, 1 - bent, g),
         lambda angles: disney.evaluate(parameters, angles),
-        lambda angles: torrance_sparrow.evaluate(kd, ks, alpha, angles),
     ]
+    if simple:
+        sources.append(lambda angles: ts.evaluate(*states, angles))
+    return sources
 
 
 def loss_angles(n: int, g: torch.Generator) -> Tensor:
@@ -110,7 +114,6 @@ def sphere_angles(pixels: int, lights: int, g: torch.Generator) -> tuple[Tensor,
     radiance. Any such sum is a linear functional of f, equal for truth and estimate, so its
     tone-mapped difference is a fair (and noise-free) stand-in for the metric.
     """
-    from model_runtime.brdf.half_angle import from_directions
 
     def uniform(*shape: int) -> Tensor:
         return torch.rand(*shape, generator=g)
