@@ -56,10 +56,10 @@ def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     _draw_range(settings, context, material)
     _draw_detail(settings, material)
     layout.separator()
-    _draw_action(layout, context, material)
     if run is not None:
         _draw_progress(layout, run)
     else:
+        _draw_action(layout, context, material)
         _draw_outcome(layout, context, material)
 
 
@@ -105,11 +105,8 @@ def _draw_action(
     aged = is_aged(material)
     row = layout.row()
     row.scale_y = 1.5
-    # It stays during a run, greyed out, so that nothing else comes to lie under the mouse.
     text = "Age Again from the Original" if aged else "Age Material"
     row.operator("tvbrdf.age_material", text=text)
-    if session.current() is not None:
-        return
     if reason := why_not(material, context.scene):
         _paragraph(layout, context, reason, "ERROR")
     if aged:
@@ -121,10 +118,15 @@ def _draw_action(
 
 
 def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
+    # In the place of the button, as high as it: a widget that comes to lie under a resting mouse
+    # would be drawn in the button's state.
+    row = layout.row()
+    row.scale_y = 1.5
+    row.alignment = "CENTER"
+    row.label(text=f"Ageing {run.plan.material_name}")
     column = layout.column(align=True)
-    left = run.seconds_left
-    text = run.plan.material_name if left is None else _time_left(left)
-    column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}  {text}")
+    left = "" if run.seconds_left is None else f"  {_time_left(run.seconds_left)}"
+    column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}{left}")
     column.label(text=f"{run.stage}…")
     row = layout.row()
     row.enabled = not run.cancel_requested
@@ -188,7 +190,6 @@ class _PropertiesPanel:
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "material"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -225,6 +226,7 @@ class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
 class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         _draw_advanced(self.layout, context)

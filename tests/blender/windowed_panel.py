@@ -171,6 +171,8 @@ def outcome() -> str:
 
 def ages_and_undoes() -> Steps:
     yield from start()
+    yield from until(lambda: session().current().fraction > 0.5)
+    yield DRAWN
     shoot("progress")
     yield from until(ended)
     yield DRAWN
@@ -243,8 +245,15 @@ def ends_on_loading() -> Steps:
 
 
 def properties_editor() -> Steps:
-    area = next(a for a in bpy.context.window.screen.areas if a.type == "PROPERTIES")
+    area = max(bpy.context.window.screen.areas, key=lambda area: area.width * area.height)
+    area.ui_type = "PROPERTIES"
+    yield DRAWN
     area.spaces.active.context = "MATERIAL"
+    yield DRAWN
+    # Blender's own panels come first and are long.
+    subprocess.run(["xdotool", "mousemove", "400", "300"], check=True)
+    yield 0.2
+    subprocess.run(["xdotool", "click", "--repeat", "60", "--delay", "10", "5"], check=True)
     yield DRAWN
     shoot("properties")
 
