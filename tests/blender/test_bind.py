@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+
 from tests.blender.material_cases import (
     add,
     image,
@@ -69,7 +70,8 @@ def test_age_is_a_keyed_value_and_drivers_are_simple(tmp_path):
     (curve,) = [c for c in channels(material.node_tree) if "Age" in c.data_path]
     assert [tuple(p.co) for p in curve.keyframe_points] == [(5, 0), (25, 1)]
     assert {p.interpolation for p in curve.keyframe_points} == {"LINEAR"}
-    assert age.type == "VALUE" and age.label == "Age"
+    assert age.type == "VALUE"
+    assert age.label == "Age"
     drivers = material.node_tree.animation_data.drivers
     assert len(drivers) == 4
     assert all(each.driver.is_simple_expression for each in drivers)
@@ -247,7 +249,8 @@ def test_a_bad_result_is_refused_and_changes_nothing(tmp_path, spoil):
     before = snapshot(material)
     with pytest.raises(MaterialError) as caught:
         bind(material, obj, folder, tmp_path)
-    assert caught.value.message.endswith(".") and caught.value.hint
+    assert caught.value.message.endswith(".")
+    assert caught.value.hint
     assert snapshot(material) == before
 
 
@@ -263,8 +266,10 @@ def test_normals_emission_and_alpha_outlive_torrance_sparrow(tmp_path):
     warnings = bind(
         material, plane(material), made_up(tmp_path / "aged", "torrance-sparrow"), tmp_path
     )
-    assert len(warnings) == 1 and "coat" in warnings[0]
+    assert len(warnings) == 1
+    assert "coat" in warnings[0]
     normals = {link.to_node.type for link in bump.outputs[0].links}
     assert normals == {"BSDF_PRINCIPLED", "BSDF_DIFFUSE", "BSDF_GLOSSY"}
     mix = tree.get_output_node("CYCLES").inputs["Surface"].links[0].from_node
-    assert mix.type == "MIX_SHADER" and mix.inputs[0].default_value == 0.5
+    assert mix.type == "MIX_SHADER"
+    assert mix.inputs[0].default_value == 0.5

@@ -71,7 +71,8 @@ def test_revert_restores_everything(tmp_path, kind, build):
     obj = plane(material)
     before = settled(material)
     bind(material, obj, made_up(tmp_path / "aged", kind), tmp_path)
-    assert is_aged(material) and settled(material) != before
+    assert is_aged(material)
+    assert settled(material) != before
     revert(material)
     assert not is_aged(material)
     after = settled(material)

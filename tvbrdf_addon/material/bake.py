@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import MaterialError
 from .pixels import Array, image_pixels
 from .trace import find_principled, input_socket
+from .unwrap import plain_mesh
 
 __all__ = ("Target", "bake_sockets")
 
@@ -58,7 +59,7 @@ def bake_sockets(
         node.image = image
         tree.nodes.active = node
         if target.obj is None:
-            _look_up_texels(tree)
+            _look_up_texels(tree, size)
 
         def bake(margin: int) -> Array:
             _bake(scene, obj, target.uv_map, margin)
@@ -102,12 +103,15 @@ def _emit(
     tree.links.new(combined.outputs["Vector"], emission.inputs["Color"])
 
 
-def _look_up_texels(tree: bpy.types.NodeTree) -> None:
+def _look_up_texels(tree: bpy.types.NodeTree, size: tuple[int, int]) -> None:
     for node in tree.nodes:
         if node.type == "TEX_IMAGE":
             _unlink(tree, node.inputs["Vector"])
             node.projection = "FLAT"
             node.extension = "EXTEND"
+            # Baking samples a thousandth of a texel beside the centre.
+            same = node.image and tuple(node.image.size) == size[::-1]
+            node.interpolation = "Closest" if same else "Linear"
 
 
 def _unlink(tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket) -> None:
@@ -141,25 +145,27 @@ def _object(
     scene: bpy.types.Scene, copy: bpy.types.Material, target: Target
 ) -> Iterator[bpy.types.Object]:
     """The target's stand-in: the object again, with `copy` where it has the material."""
-    blank = bpy.data.materials.new("tvbrdf blank")
-    mesh = _unit_square(target.uv_map) if target.obj is None else None
-    obj = bpy.data.objects.new("tvbrdf bake", mesh) if mesh else target.obj.copy()
-    try:
-        scene.collection.objects.link(obj)
-        obj.hide_render = obj.hide_viewport = False
-        if mesh:
+    with ExitStack() as stack:
+        blank = bpy.data.materials.new("tvbrdf blank")
+        stack.callback(bpy.data.materials.remove, blank)
+        if target.obj is None:
+            mesh = _unit_square(target.uv_map)
+            stack.callback(bpy.data.meshes.remove, mesh)
             mesh.materials.append(copy)
+            obj = bpy.data.objects.new("tvbrdf bake", mesh)
         else:
+            mesh = stack.enter_context(plain_mesh(target.obj))
+            obj = target.obj.copy()
+            obj.data = mesh
+        stack.callback(bpy.data.objects.remove, obj)
+        if target.obj is not None:
             for slot in obj.material_slots:
                 ours = slot.material == target.material
                 slot.link = "OBJECT"
                 slot.material = copy if ours else blank
+        obj.hide_render = obj.hide_viewport = False
+        scene.collection.objects.link(obj)
         yield obj
-    finally:
-        bpy.data.objects.remove(obj)
-        bpy.data.materials.remove(blank)
-        if mesh:
-            bpy.data.meshes.remove(mesh)
 
 
 def _unit_square(uv_map: str) -> bpy.types.Mesh:

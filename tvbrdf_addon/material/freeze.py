@@ -7,7 +7,7 @@ import re
 import bpy
 
 from ..errors import MaterialError
-from .animation import TAG, channels, remove_keys
+from .animation import TAG, channels, own_action, remove_keys
 from .record import is_aged, keyed_sockets, load, tagged
 
 __all__ = ("freeze",)
@@ -22,6 +22,7 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     if not is_aged(material):
         raise MaterialError(f"“{material.name}” is not aged.", "Age it first.")
     record, tree = load(material), material.node_tree
+    own_action(tree, mark=True)
     nodes = tagged(tree)
     age = next((n for n in nodes if n.type == "VALUE" and n.label == "Age"), None)
     sockets = keyed_sockets(tree, record)

@@ -26,19 +26,17 @@ def image_pixels(image: bpy.types.Image) -> Array:
     return pixels.reshape(height, width, 4)[::-1]
 
 
-def linear_color(image: bpy.types.Image, *, alpha_linked: bool) -> Array:
-    """The colour [H, W, 3] that an Image Texture gives, texel by texel.
+def linear_color(image: bpy.types.Image) -> tuple[Array, bool]:
+    """An image's linear colour [H, W, 3], and whether its alpha darkens it where Alpha is not used.
 
-    Images of more than 8 bits are linear as soon as they are loaded.  Where the node's alpha is
-    not used, Blender multiplies it into the colour, unless the image's alpha mode says otherwise.
+    Images of more than 8 bits are linear as soon as they are loaded.
     """
     pixels = image_pixels(image)
-    color = pixels[..., :3]
-    if not image.is_float and image.colorspace_settings.name == "sRGB":
-        color = _srgb_to_linear(color)
-    if image.alpha_mode == "STRAIGHT" and not image.is_float and not alpha_linked:
-        color = color * pixels[..., 3:]
-    return np.ascontiguousarray(color)
+    color = np.ascontiguousarray(pixels[..., :3])
+    if image.is_float or image.colorspace_settings.name != "sRGB":
+        return color, False
+    darkens = image.alpha_mode == "STRAIGHT" and bool((pixels[..., 3] < 1).any())
+    return _srgb_to_linear(color), darkens
 
 
 def _srgb_to_linear(color: Array) -> Array:

@@ -72,14 +72,18 @@ def read(
             for name, socket in sockets.items()
             if is_constant(socket)
         }
-        direct = {
-            name: _image_map(socket)
-            for name, socket in sockets.items()
+        direct = [
+            resolve(socket).node
+            for socket in sockets.values()
             if space.kind == "texture" and is_direct(socket)
-        }
+        ]
         uniform = space.kind == "uniform"
         shape = _shape(space, direct, size)
-        maps |= {name: resampled(pixels, shape) for name, pixels in direct.items()}
+        for name, socket in sockets.items():
+            if name not in maps and direct and is_direct(socket):
+                pixels = _image_map(socket)
+                if pixels is not None:
+                    maps[name] = resampled(pixels, shape)
         rest = [name for name in sockets if name not in maps]
         sampling = Sampling.of(space.images[0]) if space.kind == "texture" else Sampling()
         uv_map = active_uv_map(obj) if space.kind == "uv" else None
@@ -105,17 +109,18 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
             bpy.data.actions.remove(action)
 
 
-def _shape(space: Space, direct: dict[str, Array], size: int) -> tuple[int, int]:
+def _shape(space: Space, direct: list[bpy.types.ShaderNodeTexImage], size: int) -> tuple[int, int]:
     """The maps' size: that of the largest image read as it is, else the size that was asked for."""
     if space.kind == "uniform":
         return (1, 1)
+    if space.kind == "uv":
+        return (size, size)
+    sizes = [tuple(node.image.size) for node in direct or space.images]
+    width, height = max(sizes, key=lambda each: each[0] * each[1])
     if direct:
-        return max((each.shape[:2] for each in direct.values()), key=lambda hw: hw[0] * hw[1])
-    if space.kind == "texture":
-        width, height = max((node.image.size for node in space.images), key=lambda wh: wh[0])
-        longer = max(width, height)
-        return max(1, round(size * height / longer)), max(1, round(size * width / longer))
-    return (size, size)
+        return height, width
+    longer = max(width, height)
+    return max(1, round(size * height / longer)), max(1, round(size * width / longer))
 
 
 def _constant(socket: bpy.types.NodeSocket, frame: int) -> Array:
@@ -137,9 +142,12 @@ def _value_at(source: bpy.types.NodeSocket, frame: int) -> list[float]:
     return values
 
 
-def _image_map(socket: bpy.types.NodeSocket) -> Array:
+def _image_map(socket: bpy.types.NodeSocket) -> Array | None:
+    """The image that a socket shows; None where Cycles mixes its alpha into it, its own way."""
     node = resolve(socket).node
-    color = linear_color(node.image, alpha_linked=node.outputs["Alpha"].is_linked)
+    color, has_alpha = linear_color(node.image)
+    if has_alpha and not node.outputs["Alpha"].is_linked:
+        return None
     return _converted(socket, color)
 
 
@@ -242,9 +250,7 @@ def _check_images(socket: bpy.types.NodeSocket) -> None:
         if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or node.image is None:
             continue
         image = node.image
-        if image.source in ("FILE", "GENERATED") and not image.has_data:
-            image.update()  # loads it, if it can be
-        if min(image.size) == 0 or (image.source == "FILE" and not len(image.pixels)):
+        if min(image.size) == 0:  # asking for the size loads it, if it can be
             raise MaterialError(
                 f"The image “{image.name}” cannot be loaded from {image.filepath or 'nowhere'}.",
                 "Use File > External Data > Find Missing Files, or choose another image.",

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MaterialError
 
-__all__ = ("active_uv_map", "check_unwrapped", "overlaps")
+__all__ = ("active_uv_map", "check_unwrapped", "overlaps", "plain_mesh")
 
 Array = NDArray[np.float32]
 
@@ -53,7 +56,27 @@ def _triangles(
     obj: bpy.types.Object, material: bpy.types.Material, uv_map: str
 ) -> tuple[Array, Array]:
     """UVs [T, 3, 2] and areas [T] of the triangles that show the material."""
-    mesh = obj.data
+    with plain_mesh(obj) as mesh:
+        return _measure(obj, mesh, material, uv_map)
+
+
+@contextmanager
+def plain_mesh(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
+    """The object's mesh, or in Edit Mode, where that cannot be read, a passing copy of it."""
+    if obj.mode != "EDIT":
+        yield obj.data
+        return
+    obj.update_from_editmode()
+    copy = obj.data.copy()
+    try:
+        yield copy
+    finally:
+        bpy.data.meshes.remove(copy)
+
+
+def _measure(
+    obj: bpy.types.Object, mesh: bpy.types.Mesh, material: bpy.types.Material, uv_map: str
+) -> tuple[Array, Array]:
     mesh.calc_loop_triangles()
     count = len(mesh.loop_triangles)
     loops = np.empty(count * 3, np.int32)
