@@ -50,6 +50,14 @@ def aged_and_rendered(folder: Path) -> np.ndarray:
     return before
 
 
+def reopened(folder: Path) -> None:
+    """The file looks the same after saving and opening it again."""
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=bpy.data.filepath)
+    last = small_scene.picture(small_scene.STEPS, folder / "reopened.exr")
+    np.testing.assert_array_equal(last, small_scene.pixels_of(folder / "last.exr"))
+
+
 def reverted(folder: Path, before: np.ndarray) -> None:
     assert bpy.ops.tvbrdf.revert() == {"FINISHED"}
     again = small_scene.picture(small_scene.STEPS, folder / "reverted.exr")
@@ -85,6 +93,7 @@ def main() -> None:
     loaded = small_scene.mapped_torch(worker)
     assert loaded, "the worker has loaded no torch"
     assert all(file.is_relative_to(site_packages) for file in loaded), loaded
+    reopened(folder)
     reverted(folder, before)
     uninstalled(site_packages)
     print(f"lifecycle complete in Blender {bpy.app.version_string}")

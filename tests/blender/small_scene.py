@@ -52,6 +52,11 @@ def picture(frame: int, file: Path) -> np.ndarray:
     scene.render.image_settings.color_depth = "32"
     scene.render.filepath = str(file)
     bpy.ops.render.render(write_still=True)
+    return pixels_of(file)
+
+
+def pixels_of(file: Path) -> np.ndarray:
+    """Linear RGBA of a picture, flat."""
     image = bpy.data.images.load(str(file))
     pixels = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(pixels)
