@@ -166,7 +166,7 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     column.prop(settings, "temporal_model")
     row = column.row()
     row.enabled = settings.quality != "exact"
-    row.prop(settings, "tolerance")
+    row.prop(settings, "tolerance", text="Tolerance (dB)")
     column.prop(settings, "specular")
     column.separator()
     column.prop(settings, "format")

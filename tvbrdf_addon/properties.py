@@ -40,7 +40,7 @@ FORMATS = (
     (
         "as-authored",
         "As Authored",
-        "Carries the change over to your own base colour, metallic, specular and roughness. "
+        "Carries the change over to your own base color, metallic, specular and roughness. "
         "The first frame is your material, exactly. Best for materials made by hand, and exports "
         "to glTF",
     ),

@@ -1,5 +1,7 @@
 """The panel in a window: looked at, clicked, and disturbed in every way while a run goes on.
 
+At the end the command, as only Blender's own program dispatches it.
+
     windowed-blender windowed_panel.py EXCHANGE_FOLDER EXTENSION.zip
 
 The exchange folder must hold `stub_worker.py` and, in `site-packages`, numpy for Python 3.13.
@@ -258,6 +260,31 @@ def properties_editor() -> Steps:
     shoot("properties")
 
 
+def age_by_command(name: str) -> subprocess.CompletedProcess[str]:
+    """`--command age_material` in a second Blender, which has no window."""
+    path = f"import sys; sys.path.insert(0, {str(EXCHANGE / 'site-packages')!r})"
+    scene, aged = str(EXCHANGE / "scene.blend"), str(EXCHANGE / "by_command.blend")
+    blender = ["blender", "-b", scene, "--python-expr", path, "--command", "age_material"]
+    words = ["--material", name, "--ntm", "rust", "--frames", "1-40", "--steps", "3"]
+    return subprocess.run(
+        [*blender, *words, "--output", "//by_command", "--save-as", aged],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def command() -> Steps:
+    done = age_by_command("Painted Steel")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (EXCHANGE / "by_command" / "Painted Steel" / "aged.json").is_file()
+    assert (EXCHANGE / "by_command.blend").is_file()
+    failed = age_by_command("Painted Steal")
+    assert failed.returncode == 1
+    assert "Did you mean Painted Steel?" in failed.stderr
+    yield DRAWN
+
+
 def everything() -> Steps:
     os.environ["TVBRDF_WORKER"] = str(EXCHANGE / "stub_worker.py")
     os.environ["TVBRDF_STUB_SECONDS"] = "6"
@@ -277,6 +304,7 @@ def everything() -> Steps:
     yield from ends_on_deletion()
     yield from ends_on_loading()
     yield from properties_editor()
+    yield from command()
 
 
 steps = everything()

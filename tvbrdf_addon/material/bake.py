@@ -137,7 +137,8 @@ def _scene(frame: int) -> Iterator[bpy.types.Scene]:
         scene.frame_current = frame
         yield scene
     finally:
-        bpy.data.scenes.remove(scene)
+        # Not scenes.remove, which crashes Blender (4.3) where there is no window: --command.
+        bpy.data.batch_remove((scene,))
 
 
 @contextmanager
