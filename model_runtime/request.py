@@ -56,7 +56,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     """
     from .age import AgeRequest
 
-    given = {name: value for name, value in fields.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in fields.items() if value is not None}
     known = {field.name for field in dataclasses.fields(AgeRequest)}
     if unknown := sorted(given.keys() - known):
         raise UsageError(f"There is no setting called {unknown[0]}.", f"There are {sorted(known)}.")
@@ -85,7 +85,8 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
             raise UsageError(
                 f"{option('tolerance')} must be finite.", "Quality exact leaves nothing out."
             )
-    return AgeRequest(**given | {"input": Path(given["input"]), "output": Path(given["output"])})
+    given["input"], given["output"] = Path(given["input"]), Path(given["output"])
+    return AgeRequest(**given)
 
 
 def cards(ntm: str | None) -> list[dict[str, Any]]:

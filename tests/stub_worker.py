@@ -12,6 +12,7 @@ import os
 import shutil
 import struct
 import sys
+import tempfile
 import time
 import types
 from dataclasses import dataclass
@@ -50,8 +51,9 @@ def age(request: AgeRequest, reporter: object) -> dict:
     print("a library prints this")
     os.write(1, b"and this, from C\n")
     seconds = float(os.environ.get("TVBRDF_STUB_SECONDS", "0.2"))
-    beside = request.output.with_name(f".{request.output.name}.partial-stub")
-    beside.mkdir(parents=True)
+    request.output.parent.mkdir(parents=True, exist_ok=True)
+    prefix = f".{request.output.name}.partial-"
+    beside = Path(tempfile.mkdtemp(prefix=prefix, dir=request.output.parent))
     reporter.warning("The stub paints flat colours.")
     files: dict[str, list[str]] = {
         name: [] for name in ("base_color", "metallic", "specular", "roughness")

@@ -134,8 +134,9 @@ def test_kill_9_in_the_middle_of_a_run(worker: Worker, tmp_path: Path, monkeypat
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "60")
 
     def kill(_message: object) -> None:
-        os.kill(worker.pid, signal.SIGKILL)
-        worker._process.wait()
+        if worker.alive:
+            os.kill(worker.pid, signal.SIGKILL)
+            worker._process.wait()
 
     with pytest.raises(WorkerError, match="killed by signal 9") as caught:
         all_of(run(worker, "age", request(tmp_path, frames=600)), kill)

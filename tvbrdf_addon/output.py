@@ -35,12 +35,12 @@ def free_folder(parent: Path, name: str, taken: Iterable[Path]) -> Path:
     A folder may not where a material shows files of it (`taken`), nor where it holds something
     that is not an earlier result.
     """
-    taken = {_key(folder) for folder in taken}
+    refused = {_key(folder) for folder in taken}
     safe = file_safe(name)
     number = 0
     while True:
         folder = parent / (f"{safe}.{number:03d}" if number else safe)
-        if _key(folder) not in taken and _is_ours(folder):
+        if _key(folder) not in refused and _is_ours(folder):
             return folder
         number += 1
 
