@@ -109,7 +109,7 @@ def test_node_groups_are_baked(tmp_path):
 
 
 def test_only_the_materials_own_faces_are_baked(tmp_path):
-    """Two faces share the mesh; the other slot's face lies over ours in UV space and must not win."""
+    """The other slot's face lies over ours in UV space and must not win."""
     material, other = new_material(), new_material("Other")
     principled_of(other).inputs["Base Color"].default_value = (1, 0, 1, 1)
     u, _ = axes(material)

@@ -124,7 +124,10 @@ def remove_keys(tree: bpy.types.NodeTree, path: str) -> None:
 
 
 def drive_by_age(
-    node: bpy.types.ShaderNodeTexImage, age: bpy.types.NodeSocket, frames: int
+    node: bpy.types.ShaderNodeTexImage,
+    age: bpy.types.NodeSocket,
+    frames: int,
+    material: bpy.types.Material,
 ) -> None:
     """Makes an image sequence show file number 1 + round(age (frames - 1)), whatever the frame.
 
@@ -140,9 +143,10 @@ def drive_by_age(
     variable = driver.variables.new()
     variable.name = "age"
     target = variable.targets[0]
-    target.id_type = "NODETREE"
-    target.id = node.id_data
-    target.data_path = age.path_from_id("default_value")
+    # By way of the material: a driver that names the node tree inside it forgets it in the file.
+    target.id_type = "MATERIAL"
+    target.id = material
+    target.data_path = f"node_tree.{age.path_from_id('default_value')}"
     driver.type = "SCRIPTED"
     driver.expression = f"round(clamp(age) * {frames - 1})"
     assert driver.is_simple_expression

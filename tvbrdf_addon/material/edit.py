@@ -124,7 +124,7 @@ class Edit:
         node.extension = sampling.extension
         node.interpolation = sampling.interpolation
         if aged.changes:
-            drive_by_age(node, self._age, len(aged.files))
+            drive_by_age(node, self._age, len(aged.files), self.material)
         vector = self._lookup()
         if vector is not None:
             self.tree.links.new(vector, node.inputs["Vector"])
