@@ -47,7 +47,7 @@ def load_checkpoint(
     try:
         with safe_open(path, framework="pt") as stored:
             record = json.loads(stored.metadata()["record"])
-            tensors = {name: stored.get_tensor(name) for name in stored}
+            tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except Exception as error:  # safetensors raises its own kinds for each sort of damage
         raise ModelFileError(
             f"The checkpoint {path} cannot be read ({error}).",
