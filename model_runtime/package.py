@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import stat
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -39,6 +40,7 @@ ENCODER = MODELS / "encoder.safetensors"
 _FORMATS = {"encoder": "tvbrdf-encoder", "ntm": "tvbrdf-ntm"}
 _MAX_HEADER = 1 << 20
 _MAX_FILE = 1 << 28
+_NO_CARD = (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,10 @@ class ModelCard:
 def _header(path: Path) -> tuple[dict[str, Any], int]:
     """The safetensors header and the offset at which the tensors begin."""
     try:
-        size = path.stat().st_size
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise ValueError("it is not a file")
+        size = status.st_size
         with path.open("rb") as file:
             length = struct.unpack("<Q", file.read(8))[0]
             if size > _MAX_FILE or not 0 < length <= min(_MAX_HEADER, size - 8):
@@ -79,7 +84,7 @@ def _header(path: Path) -> tuple[dict[str, Any], int]:
         raise ModelFileError(
             f"There is no model file {path}.", "Check the path, or choose a bundled model."
         ) from error
-    except (OSError, ValueError, struct.error) as error:
+    except (OSError, ValueError, RecursionError, struct.error) as error:
         raise ModelFileError(
             f"{path.name} is not a model file ({error}).", "Copy or download it again."
         ) from error
@@ -92,22 +97,23 @@ def read_card(path: Path) -> ModelCard:
     newer version than this program knows.
     """
     header, start = _header(path)
-    metadata = header.pop("__metadata__", {})
     try:
-        card = json.loads(metadata["card"])
+        card = json.loads(header.pop("__metadata__", {})["card"])
         kind = {value: key for key, value in _FORMATS.items()}[card["format"]]
         version = int(card["version"])
+        if version > FORMAT_VERSION:
+            raise ModelFileError(
+                f"{path.name} has format version {version}; this program knows {FORMAT_VERSION}.",
+                "Update the extension.",
+            )
         end = max(int(entry["data_offsets"][1]) for entry in header.values())
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        frames = int(card.get("frames", 0))
+        domain, trained = (_object(card.get(name, {})) for name in ("domain", "trained"))
+    except _NO_CARD as error:
         raise ModelFileError(
             f"{path.name} carries no card of a tvbrdf model.",
             "Choose a file made by `python -m training`.",
         ) from error
-    if version > FORMAT_VERSION:
-        raise ModelFileError(
-            f"{path.name} has format version {version}; this program knows {FORMAT_VERSION}.",
-            "Update the extension.",
-        )
     if path.stat().st_size != start + end:
         raise ModelFileError(f"{path.name} is truncated or damaged.", "Copy or download it again.")
     texts = {
@@ -126,12 +132,19 @@ def read_card(path: Path) -> ModelCard:
         path=path,
         kind=kind,
         version=version,
-        frames=int(card.get("frames", 0)),
-        domain=card.get("domain", {}),
-        trained=card.get("trained", {}),
+        frames=frames,
+        domain=domain,
+        trained=trained,
         details=card,
         **texts,
     )
+
+
+def _object(value: object) -> dict[str, Any]:
+    """A JSON object; TypeError for everything else."""
+    if not isinstance(value, dict):
+        raise TypeError(f"{value!r} is not an object")
+    return value
 
 
 def list_models(folders: Sequence[Path] = (MODELS,)) -> list[ModelCard]:
@@ -193,6 +206,12 @@ def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
         raise ModelFileError(
             f"{path.name} is damaged ({error}).", "Copy or download it again."
         ) from error
+    other = [name for name, value in tensors.items() if value.dtype != torch.float32]
+    if other:
+        raise ModelFileError(
+            f"{path.name} holds numbers of another kind than single precision ({other[0]}).",
+            "Choose a file made by `python -m training`.",
+        )
     broken = [name for name, value in tensors.items() if not torch.isfinite(value).all()]
     if broken:
         raise ModelFileError(

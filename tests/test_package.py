@@ -1,0 +1,361 @@
+"""Model files and their cards: read without torch, refused with a sentence where anything is wrong.
+
+The files are put together byte by byte after the safetensors format: eight bytes of header length,
+a JSON header, tensors.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from model_runtime import package
+from model_runtime.errors import ModelFileError
+from model_runtime.package import (
+    FORMAT_VERSION,
+    MODELS,
+    find_model,
+    hash_tensors,
+    list_models,
+    load_model,
+    read_card,
+    save_model,
+)
+
+ROOT = Path(__file__).resolve().parents[1]
+CARD = {
+    "format": "tvbrdf-ntm",
+    "version": 1,
+    "name": "moss",
+    "title": "Moss",
+    "description": "Grows",
+    "process": "moss",
+    "frames": 36,
+    "representation": "0123456789abcdef",
+    "domain": {"radius": 0.1},
+    "source": "made up",
+    "license": "CC0-1.0",
+    "trained": {"seed": 0},
+}
+WEIGHT = {"weight": {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}}
+
+
+def model_bytes(
+    card: Any = CARD, *, tensors: Mapping[str, Any] = WEIGHT, data: bytes = bytes(8)
+) -> bytes:
+    header = {"__metadata__": {"card": json.dumps(card)}, **tensors}
+    return framed(json.dumps(header).encode(), data)
+
+
+def framed(header: bytes, data: bytes = b"") -> bytes:
+    header += b" " * (-len(header) % 8)
+    return struct.pack("<Q", len(header)) + header + data
+
+
+def stored(tmp_path: Path, content: bytes, name: str = "moss.safetensors") -> Path:
+    path = tmp_path / name
+    path.write_bytes(content)
+    return path
+
+
+def test_a_card_says_what_the_file_says(tmp_path: Path):
+    path = stored(tmp_path, model_bytes())
+    card = read_card(path)
+    assert (card.path, card.kind, card.version, card.frames) == (path, "ntm", 1, 36)
+    texts = ("name", "title", "description", "process", "representation", "source", "license")
+    for name in (*texts, "domain", "trained"):
+        assert getattr(card, name) == CARD[name]
+    assert card.details == CARD
+
+
+def test_what_is_saved_can_be_read(tmp_path: Path):
+    path = tmp_path / "new" / "moss.safetensors"
+    tensors = {"a": torch.arange(6.0).reshape(2, 3), "b": torch.ones(4).expand(2, 4)}
+    save_model(path, tensors, {"name": "moss", "title": "Möß"}, kind="ntm")
+    loaded, card = load_model(path, "ntm")
+    assert (card.name, card.title, card.version) == ("moss", "Möß", FORMAT_VERSION)
+    assert {name: value.tolist() for name, value in loaded.items()} == {
+        name: value.tolist() for name, value in tensors.items()
+    }
+    assert [p.name for p in path.parent.iterdir()] == [path.name]  # nothing is left beside
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.safetensors")), ids=lambda path: path.stem)
+def test_bundled_models_can_be_loaded_and_carry_the_contract_s_fields(path: Path):
+    kind = read_card(path).kind
+    _, card = load_model(path, kind)
+    assert card.details["format"] == f"tvbrdf-{kind}"
+    if kind == "ntm":
+        contract = "format version name title description process frames representation domain"
+        for name in (*contract.split(), "source", "license", "trained"):
+            assert name in card.details, name
+        assert card.frames >= 2
+        assert card.name == path.stem
+
+
+BLOCKED = ("torch", "numpy", "safetensors", "OpenEXR", "PIL")
+WITHOUT_LIBRARIES = f"""
+import sys
+for name in {BLOCKED!r}: sys.modules[name] = None
+from pathlib import Path
+from model_runtime.package import find_model, list_models, read_card
+for card in list_models((Path(sys.argv[1]),)):
+    print(card.name, card.title, card.frames, card.domain["radius"])
+print(find_model("moss", (Path(sys.argv[1]),)).name)
+"""
+
+
+def test_cards_need_the_standard_library_alone(tmp_path: Path):
+    stored(tmp_path, model_bytes())
+    stored(tmp_path, b"rubbish", "rubbish.safetensors")
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_LIBRARIES, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split("\n")[:2] == ["moss Moss 36 0.1", "moss.safetensors"]
+
+
+def refused(path: Path) -> ModelFileError:
+    """Refused by reading the card and by loading, with a sentence and a way out."""
+    with pytest.raises(ModelFileError) as error:
+        read_card(path)
+    with pytest.raises(ModelFileError):
+        load_model(path, "ntm")
+    assert list_models((path.parent,)) == []
+    assert path.name in error.value.message
+    assert error.value.message.endswith(".")
+    assert error.value.hint.endswith(".")
+    return error.value
+
+
+def test_a_missing_file(tmp_path: Path):
+    assert "no model file" in str(refused(tmp_path / "none.safetensors"))
+
+
+def test_a_folder(tmp_path: Path):
+    path = tmp_path / "folder.safetensors"
+    path.mkdir()
+    refused(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_named_pipe_is_not_waited_for(tmp_path: Path):
+    path = tmp_path / "pipe.safetensors"
+    os.mkfifo(path)
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom model_runtime.package import list_models\n"
+        "print(list_models((Path(sys.argv[1]),)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        timeout=20,
+        check=True,
+    )
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("kept", [0, 1, 7, 8, 9, 100, -1, -8])
+def test_a_truncated_file(tmp_path: Path, kept: int):
+    refused(stored(tmp_path, model_bytes()[:kept]))
+
+
+def test_a_truncated_file_says_so(tmp_path: Path):
+    assert "truncated" in str(refused(stored(tmp_path, model_bytes()[:-1])))
+
+
+def test_a_file_with_something_appended(tmp_path: Path):
+    refused(stored(tmp_path, model_bytes() + b"x"))
+
+
+def test_a_newer_version_says_so(tmp_path: Path):
+    card = CARD | {"version": FORMAT_VERSION + 1, "name": ["fields", "may", "change"]}
+    error = refused(stored(tmp_path, model_bytes(card)))
+    assert f"version {FORMAT_VERSION + 1}" in error.message
+    assert "Update" in error.hint
+
+
+def nested(depth: int) -> bytes:
+    return b"[" * depth + b"]" * depth
+
+
+HOSTILE = {
+    "empty": b"",
+    "noise": bytes(range(256)) * 50,
+    "a picture": b"\x89PNG\r\n\x1a\n" + bytes(200),
+    "a pickle": b"\x80\x04\x95\x10\x00\x00\x00\x00\x00\x00\x00cos\nsystem\n",
+    "a header of 2^63 bytes": struct.pack("<Q", 1 << 63) + b"{}",
+    "a header longer than the file": struct.pack("<Q", 1000) + b"{}" + bytes(10),
+    "a header of nothing": struct.pack("<Q", 0) + bytes(8),
+    "a huge header": framed(b'{"a": "' + b"x" * (2 << 20) + b'"}'),
+    "no JSON": framed(b"{'a': 1}"),
+    "no text": framed(b'{"\xff\xfe": 1}'),
+    "a list": framed(b"[1, 2, 3]"),
+    "deeply nested": framed(nested(100_000)),
+    "no metadata": framed(json.dumps(WEIGHT).encode(), bytes(8)),
+    "metadata that is a text": framed(b'{"__metadata__": "card"}'),
+    "metadata that is null": framed(b'{"__metadata__": null}'),
+    "a card that is no JSON": framed(b'{"__metadata__": {"card": "moss"}}'),
+    "a card that is a number": framed(b'{"__metadata__": {"card": 1}}'),
+    "a card that is nested": framed(
+        json.dumps({"__metadata__": {"card": nested(100_000).decode()}, **WEIGHT}).encode(),
+        bytes(8),
+    ),
+    "no tensors": model_bytes(tensors={}, data=b""),
+    "tensors that are numbers": model_bytes(tensors={"weight": 3}),
+    "offsets that are text": model_bytes(tensors={"weight": {"data_offsets": "0x"}}),
+    "offsets without an end": model_bytes(tensors={"weight": {"data_offsets": [0]}}),
+    "an endless offset": model_bytes(tensors={"weight": {"data_offsets": [0, float("inf")]}}),
+    "an offset before the start": model_bytes(tensors={"weight": {"data_offsets": [0, -8]}}),
+}
+CARDS = {
+    "another format": {"format": "gguf"},
+    "a format that is a list": {"format": ["tvbrdf-ntm"]},
+    "a version that is a word": {"version": "one"},
+    "an endless version": {"version": float("inf")},
+    "a version that is no number": {"version": float("nan")},
+    "version null": {"version": None},
+    "frames that are a word": {"frames": "many"},
+    "endless frames": {"frames": float("inf")},
+    "frames null": {"frames": None},
+    "a domain that is a list": {"domain": [1]},
+    "trained null": {"trained": None},
+}
+
+
+@pytest.mark.parametrize("content", HOSTILE.values(), ids=HOSTILE.keys())
+def test_what_is_no_model(tmp_path: Path, content: bytes):
+    refused(stored(tmp_path, content))
+
+
+@pytest.mark.parametrize("change", CARDS.values(), ids=CARDS.keys())
+def test_a_card_that_makes_no_sense(tmp_path: Path, change: dict[str, Any]):
+    refused(stored(tmp_path, model_bytes(CARD | change)))
+
+
+@pytest.mark.parametrize(
+    "tensors",
+    [
+        {"weight": {"dtype": "F32", "shape": [3], "data_offsets": [0, 8]}},
+        {"weight": {"dtype": "X99", "shape": [2], "data_offsets": [0, 8]}},
+        {"weight": {"dtype": "F32", "shape": [2], "data_offsets": [4, 8]}},
+        {**WEIGHT, "other": {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}},
+        {"weight": {"dtype": "F32", "shape": [-2], "data_offsets": [0, 8]}},
+        {"weight": {"dtype": "F32", "shape": [2**62, 2], "data_offsets": [0, 8]}},
+        {"weight": {"dtype": "I64", "shape": [1], "data_offsets": [0, 8]}},
+        {"weight": {"dtype": "BF16", "shape": [4], "data_offsets": [0, 8]}},
+        {"weight": {"dtype": "F8_E4M3", "shape": [8], "data_offsets": [0, 8]}},
+    ],
+    ids=["size", "type", "gap", "overlap", "negative", "overflow", "integers", "bfloat", "float8"],
+)
+def test_damaged_tensors_are_refused_when_loaded(tmp_path: Path, tensors: dict[str, Any]):
+    path = stored(tmp_path, model_bytes(tensors=tensors))
+    with pytest.raises(ModelFileError) as error:
+        load_model(path, "ntm")
+    assert path.name in error.value.message
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_weights_that_are_no_numbers(tmp_path: Path, value: float):
+    path = tmp_path / "moss.safetensors"
+    save_model(path, {"weight": torch.tensor([1.0, value])}, {"name": "moss"}, kind="ntm")
+    with pytest.raises(ModelFileError, match="not finite"):
+        load_model(path, "ntm")
+
+
+def test_an_encoder_is_no_ntm(tmp_path: Path):
+    path = stored(tmp_path, model_bytes(CARD | {"format": "tvbrdf-encoder"}))
+    with pytest.raises(ModelFileError, match="holds an encoder, not an ntm"):
+        load_model(path, "ntm")
+    assert list_models((tmp_path,)) == []
+
+
+class TestListing:
+    def test_by_title_from_all_folders_without_what_is_broken(self, tmp_path: Path):
+        (tmp_path / "a").mkdir()
+        (tmp_path / "b").mkdir()
+        for folder, name, title in (
+            ("a", "one", "Zinc"),
+            ("b", "two", "Algae"),
+            ("a", "x", "Moss"),
+        ):
+            card = CARD | {"name": name, "title": title}
+            stored(tmp_path / folder, model_bytes(card), f"{name}.safetensors")
+        stored(tmp_path / "a", b"rubbish", "rubbish.safetensors")
+        stored(tmp_path / "a", model_bytes(), "moss.txt")
+        found = list_models((tmp_path / "a", tmp_path / "b", tmp_path / "none"))
+        assert [card.title for card in found] == ["Algae", "Moss", "Zinc"]
+
+    def test_a_model_is_found_by_its_name(self, tmp_path: Path):
+        path = stored(tmp_path, model_bytes(), "any file name.safetensors")
+        assert find_model("moss", (tmp_path,)) == path
+
+    def test_or_by_its_path_which_need_not_be_listed(self, tmp_path: Path):
+        path = tmp_path / "elsewhere.safetensors"
+        assert find_model(str(path), ()) == path
+
+    def test_an_unknown_name_is_told_the_known_ones(self, tmp_path: Path):
+        stored(tmp_path, model_bytes())
+        with pytest.raises(ModelFileError, match=r"called 'mos'.*moss"):
+            find_model("mos", (tmp_path,))
+        with pytest.raises(ModelFileError, match="none"):
+            find_model("moss", ())
+
+    def test_rust_is_bundled(self):
+        assert find_model("rust").parent == MODELS
+        assert "rust" in [card.name for card in list_models()]
+
+
+class TestHash:
+    def test_it_knows_names_shapes_types_and_values(self):
+        plain = {"a": torch.arange(4.0), "b": torch.zeros(2)}
+        others = [
+            {"a": torch.arange(4.0), "c": torch.zeros(2)},
+            {"a": torch.arange(4.0).reshape(2, 2), "b": torch.zeros(2)},
+            {"a": torch.arange(4.0).double(), "b": torch.zeros(2)},
+            {"a": torch.tensor((0, 1, 2, 3.0000005)), "b": torch.zeros(2)},
+            {"a": torch.arange(4.0)},
+        ]
+        hashes = {hash_tensors(tensors) for tensors in (plain, *others)}
+        assert len(hashes) == 1 + len(others)
+
+    def test_it_knows_neither_order_nor_layout(self):
+        a = torch.arange(6.0).reshape(2, 3)
+        one = {"a": a, "b": torch.zeros(2)}
+        other = {"b": torch.zeros(2), "a": a.T.contiguous().T}
+        assert hash_tensors(one) == hash_tensors(other)
+        assert len(hash_tensors(one)) == 16
+
+
+def test_saving_that_fails_leaves_the_earlier_file(tmp_path: Path, monkeypatch):
+    path = tmp_path / "moss.safetensors"
+    save_model(path, {"w": torch.zeros(1)}, {"name": "moss"}, kind="ntm")
+    before = path.read_bytes()
+    monkeypatch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    with pytest.raises(OSError, match="full"):
+        save_model(path, {"w": torch.ones(1)}, {"name": "moss"}, kind="ntm")
+    assert path.read_bytes() == before
+
+
+def test_the_package_is_imported_without_torch_being_loaded():
+    code = "import sys\nfrom model_runtime import package\nprint('torch' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    assert done.stdout.strip() == "False"
+    assert package.__file__
