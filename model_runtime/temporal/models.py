@@ -39,8 +39,9 @@ class Affine:
 
     @classmethod
     def fit(cls, histories: Tensor, observed: Tensor) -> Affine:
-        """Least squares on `histories` [N, T, D] where `observed` [N, T]; gains stay within
-        0..1.5.
+        """Least squares on `histories` [N, T, D] where `observed` [N, T].
+
+        Gains stay within 0..4: the paper's S1 needs up to 3, S2 up to 2.25; beyond is noise.
         """
         weight = observed.to(histories.dtype)[..., None]
         count = weight.sum(0).clamp_min(1)
@@ -50,7 +51,7 @@ class Affine:
         spread = start - mean_start
         variance = (weight * spread.square()).sum(0) / count
         covariance = (weight * spread * (histories - mean)).sum(0) / count
-        gain = (covariance / variance.clamp_min(1e-8)).clamp(0, 1.5)
+        gain = (covariance / variance.clamp_min(1e-8)).clamp(0, 4)
         gain = torch.where(variance > 1e-8, gain, torch.ones_like(gain))
         gain[0] = 1
         offset = mean - gain * mean_start

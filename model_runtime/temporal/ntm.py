@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,8 +78,11 @@ class NeuralTemporalModel:
             latents = LatentLSTM(*(len(stored[f"steps.{i}.bias"]) for i in (0, 1)))
             latents.load_state_dict(stored)
             if not (
-                affine.gain.shape == affine.offset.shape == (card.frames, 7)
+                card.frames > 1
+                and affine.gain.shape == affine.offset.shape == (card.frames, 7)
                 and domain.centres.shape[1:] == (7,)
+                and len(domain.centres) > 0
+                and math.isfinite(domain.radius)
                 and card.details["temporal_model"] in LADDER
             ):
                 raise ValueError("shapes do not agree")

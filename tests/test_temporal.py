@@ -1,0 +1,394 @@
+"""Models of change: what each must be able to do, what an untrained one does, which file is
+refused, and how histories are counted from their onset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safetensors.torch import load_file
+
+from model_runtime.errors import ModelFileError
+from model_runtime.maps import TorranceSparrowMaps
+from model_runtime.package import save_model
+from model_runtime.temporal.domain import Domain
+from model_runtime.temporal.models import Affine, Constant, LatentLSTM, ParameterLSTM
+from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from training.data.sequences import Sequence
+from training.data.synthetic import s1, s2
+from training.histories import align, source_histories
+
+ENCODER = "0123456789abcdef"
+
+
+def random_maps(size: int, seed: int) -> TorranceSparrowMaps:
+    rng = np.random.default_rng(seed)
+    kd, ks = rng.uniform(0.05, 0.6, (2, size, size, 3)).astype(np.float32)
+    return TorranceSparrowMaps(kd, ks, rng.uniform(0.05, 0.4, (size, size)).astype(np.float32))
+
+
+def histories_of(sequence: Sequence) -> torch.Tensor:
+    """[N, T, 7]"""
+    stacked = np.concatenate((sequence.kd, sequence.ks, sequence.alpha[..., None]), -1)
+    return torch.from_numpy(stacked.reshape(len(sequence.times), -1, 7)).transpose(0, 1)
+
+
+class TestConstant:
+    def test_nothing_changes(self):
+        state = torch.rand(4, 7)
+        history = Constant().rollout(state, 5)
+        assert history.shape == (4, 5, 7)
+        assert bool((history == state[:, None]).all())
+
+
+class TestAffine:
+    @pytest.mark.parametrize("model", [s1, s2], ids=["S1", "S2"])
+    @pytest.mark.parametrize("a", [0.3, 0.6, 1.0])
+    def test_the_paper_s_synthetic_models_are_solved(self, model, a: float):
+        """S1 and S2 are affine in the initial value, so other materials' histories follow too."""
+        source, target = (histories_of(model(random_maps(12, seed), a)) for seed in (1, 2))
+        affine = Affine.fit(source, torch.ones(source.shape[:2], dtype=torch.bool))
+        torch.testing.assert_close(affine.rollout(target[:, 0], 36), target, rtol=1e-3, atol=1e-4)
+
+    def test_the_first_entry_is_the_state_itself(self):
+        histories = torch.rand(50, 6, 7)
+        affine = Affine.fit(histories, torch.ones(50, 6, dtype=torch.bool))
+        state = torch.rand(3, 7)
+        torch.testing.assert_close(affine.rollout(state, 6)[:, 0], state, rtol=0, atol=0)
+
+    def test_what_was_not_observed_does_not_count(self):
+        start = torch.rand(100, 1, 7)
+        age = torch.linspace(0, 1, 5)[:, None]
+        histories = (1 - 0.5 * age) * start + 0.2 * age
+        observed = torch.rand(100, 5) < 0.6
+        observed[:, 0] = True
+        broken = torch.where(observed[..., None], histories, torch.tensor(99.0))
+        affine = Affine.fit(broken, observed)
+        torch.testing.assert_close(affine.gain, (1 - 0.5 * age).expand(5, 7), rtol=1e-3, atol=1e-4)
+        torch.testing.assert_close(affine.offset, (0.2 * age).expand(5, 7), rtol=1e-3, atol=1e-4)
+
+    def test_one_material_alone_keeps_its_differences(self):
+        """Where nothing varies, no gain can be learned: 1, and the whole change is an offset."""
+        history = torch.linspace(0.2, 0.6, 4)[:, None].expand(4, 7)
+        affine = Affine.fit(history.expand(30, -1, -1), torch.ones(30, 4, dtype=torch.bool))
+        assert bool((affine.gain == 1).all())
+        torch.testing.assert_close(affine.rollout(torch.full((1, 7), 0.2), 4)[0], history)
+
+    def test_noise_makes_no_wild_gains(self):
+        g = torch.Generator().manual_seed(0)
+        histories = 0.3 + 2e-4 * torch.randn(40, 6, 7, generator=g)
+        histories[:, 1:] += 0.5 * torch.rand(40, 5, 7, generator=g)
+        affine = Affine.fit(histories, torch.ones(40, 6, dtype=torch.bool))
+        assert float(affine.gain.min()) >= 0
+        assert float(affine.gain.max()) < 10
+
+
+@pytest.mark.parametrize("make", [ParameterLSTM, lambda: LatentLSTM(4, 3)], ids=["7", "4 + 3"])
+class TestLSTM:
+    def test_untrained_it_is_constant(self, make):
+        model = make()
+        state = torch.randn(5, 7)
+        with torch.no_grad():
+            history = model.rollout(state, 9)
+        torch.testing.assert_close(history, state[:, None].expand(-1, 9, -1), rtol=0, atol=1e-6)
+
+    def test_and_still_when_standardised(self, make):
+        model = make()
+        seen = torch.rand(200, 9, 7) * torch.tensor((1, 10, 0.1, 1, 5, 1, 0.01)) + 3
+        model.standardise(seen)
+        torch.testing.assert_close(model.mean, seen.mean((0, 1)), rtol=1e-4, atol=1e-5)
+        with torch.no_grad():
+            history = model.rollout(seen[:20, 0], 9)
+        torch.testing.assert_close(history, seen[:20, :1].expand(-1, 9, -1), rtol=1e-4, atol=1e-5)
+
+    def test_no_rollout_runs_away(self, make):
+        torch.manual_seed(0)
+        model = make()
+        with torch.no_grad():
+            for p in model.parameters():
+                p.normal_(0, 30)
+            history = model.rollout(torch.randn(5, 7) * 1e6, 200)
+        assert bool(torch.isfinite(history).all())
+        assert float(history[:, 1:].abs().max()) <= 8
+
+    def test_the_first_entry_is_the_state_itself(self, make):
+        torch.manual_seed(0)
+        model = make()
+        with torch.no_grad():
+            for p in model.parameters():
+                p.normal_()
+            state = torch.randn(5, 7) * 20
+            assert torch.equal(model.rollout(state, 3)[:, 0], state)
+
+    def test_materials_do_not_mix(self, make):
+        torch.manual_seed(0)
+        model = make()
+        with torch.no_grad():
+            for p in model.parameters():
+                p.normal_(0, 0.3)
+            state = torch.randn(6, 7)
+            whole = model.rollout(state, 8)
+            alone = torch.cat([model.rollout(row[None], 8) for row in state])
+        torch.testing.assert_close(alone, whole, rtol=1e-5, atol=1e-6)
+
+
+def test_colour_and_shared_latents_do_not_see_each_other():
+    """Two LSTMs, as in figure 4 of the paper."""
+    torch.manual_seed(0)
+    model = LatentLSTM(4, 3)
+    with torch.no_grad():
+        for p in model.parameters():
+            p.normal_()
+        state = torch.randn(2, 7)
+        other = state.clone()
+        other[:, 4:] += 1
+        one, changed = model.rollout(state, 6), model.rollout(other, 6)
+    assert torch.equal(one[..., :4], changed[..., :4])
+    assert not torch.equal(one[:, -1, 4:], changed[:, -1, 4:])
+
+
+class TestDomain:
+    @staticmethod
+    def steels(n: int, seed: int = 0) -> torch.Tensor:
+        g = torch.Generator().manual_seed(seed)
+        kd = 0.02 + 0.02 * torch.rand(n, 3, generator=g)
+        ks = 0.5 + 0.1 * torch.rand(n, 1, generator=g).expand(n, 3)
+        return torch.cat((kd, ks, 0.1 + 0.1 * torch.rand(n, 1, generator=g)), 1)
+
+    def test_what_it_saw_and_the_like_of_it_are_inside(self):
+        domain = Domain.of(self.steels(2000))
+        assert not bool(domain.outside(self.steels(2000)).any())
+        assert float(domain.outside(self.steels(500, seed=1)).float().mean()) < 0.01
+
+    @pytest.mark.parametrize(
+        "other",
+        [(0.9, 0.9, 0.9, 0.04, 0.04, 0.04, 0.3), (0, 0, 0, 0.9, 0.1, 0.1, 0.15)],
+        ids=["white paint", "a red metal"],
+    )
+    def test_far_materials_are_outside(self, other):
+        domain = Domain.of(self.steels(2000))
+        mixed = torch.cat((self.steels(3), torch.tensor([other])))
+        assert domain.outside(mixed).tolist() == [False, False, False, True]
+
+    def test_the_same_materials_give_the_same_domain(self):
+        one, other = (Domain.of(self.steels(500), seed=3) for _ in range(2))
+        assert torch.equal(one.centres, other.centres)
+        assert one.radius == other.radius
+
+    @pytest.mark.parametrize("n", [1, 2, 7])
+    def test_few_materials(self, n: int):
+        domain = Domain.of(self.steels(n))
+        assert domain.centres.shape[1] == 7
+        assert np.isfinite(domain.radius)
+        assert bool(domain.outside(torch.full((1, 7), 0.95)).all())
+
+
+@pytest.fixture
+def ntm_file(tmp_path: Path):
+    """Writes an NTM of 5 frames; keywords change its card, `tensors` its content."""
+    frames, path = 5, tmp_path / "moss.safetensors"
+    affine = Affine(torch.ones(frames, 7), torch.zeros(frames, 7))
+    parts = {
+        "affine.gain": affine.gain,
+        "affine.offset": affine.offset,
+        "domain.centres": torch.rand(3, 7),
+        **{f"parameters.{k}": v for k, v in ParameterLSTM().state_dict().items()},
+        **{f"latents.{k}": v for k, v in LatentLSTM(12, 8).state_dict().items()},
+    }
+    card = {
+        "name": "moss",
+        "title": "Moss",
+        "frames": frames,
+        "representation": ENCODER,
+        "domain": {"radius": 0.1},
+        "temporal_model": "affine",
+    }
+
+    def write(*, tensors: Mapping[str, torch.Tensor | None] = {}, **changes: Any) -> Path:
+        content = {k: v for k, v in {**parts, **tensors}.items() if v is not None}
+        save_model(path, content, card | changes, kind="ntm")
+        return path
+
+    return write
+
+
+class TestNTM:
+    def test_what_was_saved_comes_back(self, ntm_file):
+        ntm = NeuralTemporalModel.load(ntm_file(), ENCODER)
+        assert (ntm.chosen, ntm.frames, ntm.domain.radius) == ("affine", 5, 0.1)
+        assert ntm.card.title == "Moss"
+        for name in LADDER:
+            size = 20 if name == "lstm_latents" else 7
+            history = ntm.rung(name).rollout(torch.rand(3, size), 5)
+            assert history.shape == (3, 5, size)
+        stored = load_file(ntm.card.path)
+        assert stored.keys() == ntm.tensors().keys()
+        for name, value in ntm.tensors().items():
+            assert torch.equal(value, stored[name])
+        assert not any(p.requires_grad for p in ntm.latents.parameters())
+
+    def test_another_encoder_s_is_refused_and_says_so(self, ntm_file):
+        with pytest.raises(ModelFileError, match=r"another encoder .*feedbeef"):
+            NeuralTemporalModel.load(ntm_file(representation="feedbeef"), ENCODER)
+
+    def test_a_missing_one(self, tmp_path: Path):
+        with pytest.raises(ModelFileError, match="no model file"):
+            NeuralTemporalModel.load(tmp_path / "none.safetensors", ENCODER)
+
+    def test_an_encoder_is_none(self, tmp_path: Path):
+        path = tmp_path / "encoder.safetensors"
+        save_model(path, {"w": torch.zeros(1)}, {"name": "lobes"}, kind="encoder")
+        with pytest.raises(ModelFileError, match="not an ntm"):
+            NeuralTemporalModel.load(path, ENCODER)
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"frames": 6},
+            {"temporal_model": "transformer"},
+            {"temporal_model": None},
+            {"domain": {}},
+            {"domain": {"radius": "wide"}},
+            {"domain": {"radius": float("nan")}},
+            {"tensors": {"affine.gain": None}},
+            {"tensors": {"affine.gain": torch.zeros(5, 6)}},
+            {"tensors": {"affine.offset": torch.zeros(4, 7)}},
+            {"tensors": {"domain.centres": torch.zeros(3, 6)}},
+            {"tensors": {"domain.centres": torch.zeros(0, 7)}},
+            {"tensors": {"domain.centres": torch.zeros(7)}},
+            {"tensors": {"parameters.mean": None}},
+            {"tensors": {"parameters.step.weight": torch.zeros(7, 3)}},
+            {"tensors": {"parameters.extra": torch.zeros(1)}},
+            {"tensors": {"latents.steps.0.bias": None}},
+            {"tensors": {"latents.steps.0.bias": torch.tensor(0.0)}},
+            {"tensors": {"latents.steps.1.bias": torch.zeros(9)}},
+            {"tensors": {"latents.mean": torch.full((20,), float("nan"))}},
+            {
+                "frames": 0,
+                "tensors": {
+                    "affine.gain": torch.zeros(0, 7),
+                    "affine.offset": torch.zeros(0, 7),
+                },
+            },
+        ],
+        ids=str,
+    )
+    def test_damage_is_refused_with_a_sentence(self, ntm_file, change: dict[str, Any]):
+        with pytest.raises(ModelFileError) as error:
+            NeuralTemporalModel.load(ntm_file(**change), ENCODER)
+        assert "moss.safetensors" in error.value.message
+        assert error.value.hint
+
+
+class TestAlign:
+    """Three texels at times 0, 1/4, .. 1; each holds its state until its onset, then rises by 1
+    per unit of time.
+    """
+
+    times = np.linspace(0, 1, 5, dtype=np.float32)
+
+    def states(self, onset: np.ndarray) -> torch.Tensor:
+        rise = np.maximum(0, self.times[:, None] - onset)
+        return torch.from_numpy((rise[..., None] + [10, 20]).astype(np.float32))
+
+    def test_by_hand(self):
+        onset = np.array((0, 0.25, 0.75), np.float32)
+        histories, observed = align(self.states(onset), self.times, onset)
+        assert histories.shape == (3, 5, 2)
+        expected = [
+            [0, 0.25, 0.5, 0.75, 1],
+            [0, 0.25, 0.5, 0.75, 0.75],  # the sequence ends, its last frame is repeated
+            [0, 0.25, 0.25, 0.25, 0.25],
+        ]
+        np.testing.assert_allclose(histories[..., 0], 10 + np.array(expected), rtol=1e-6)
+        np.testing.assert_allclose(histories[..., 1], 20 + np.array(expected), rtol=1e-6)
+        assert observed.tolist() == [[True] * 5, [True] * 4 + [False], [True] * 2 + [False] * 3]
+
+    def test_onset_between_two_frames(self):
+        """At onset 3/8, ages 1/4 and 1/2 lie halfway between frames: linear in between."""
+        onset = np.array([0.375], np.float32)
+        histories, observed = align(self.states(onset), self.times, onset)
+        np.testing.assert_allclose(histories[0, :, 0], (10, 10.25, 10.5, 10.625, 10.625), rtol=1e-6)
+        assert observed[0].tolist() == [True, True, True, False, False]
+
+    def test_uneven_times(self):
+        """The ages are even all the same: 0, 1/2, 1."""
+        times = np.array((0, 0.2, 1), np.float32)
+        states = torch.tensor([[[0.0]], [[0.2]], [[1.0]]])
+        histories, observed = align(states, times, np.zeros(1))
+        np.testing.assert_allclose(histories[0, :, 0], (0, 0.5, 1), rtol=1e-6)
+        assert bool(observed.all())
+
+    def test_a_texel_that_never_starts_is_seen_at_age_0_alone(self):
+        histories, observed = align(self.states(np.ones(1)), self.times, np.ones(1))
+        assert observed[0].tolist() == [True] + [False] * 4
+        assert bool((histories[0, :, 0] == 10).all())
+
+    @settings(deadline=None, max_examples=30)
+    @given(st.floats(0, 1), st.integers(2, 40))
+    def test_the_first_entry_is_the_first_frame_and_nothing_is_extrapolated(
+        self, onset: float, frames: int
+    ):
+        times = np.linspace(0, 1, frames, dtype=np.float32)
+        states = torch.rand(frames, 1, 3)
+        histories, observed = align(states, times, np.array([onset]))
+        assert torch.equal(histories[0, 0], states[0, 0])
+        assert bool((histories.amin(1) >= states.amin(0)).all())
+        assert bool((histories.amax(1) <= states.amax(0) + 1e-6).all())
+        ages = np.linspace(0, 1, frames)
+        clear = abs(onset + ages - 1) > 1e-5
+        assert (observed[0].numpy() == (onset + ages <= 1))[clear].all()
+
+
+class _Plain:
+    """A representation whose latents are the values themselves at three directions."""
+
+    def sample_angles(self, m: int) -> torch.Tensor:
+        return torch.tensor([[0.1, 0.1, 0.0], [0.4, 0.2, 1.0], [0.9, 0.3, 2.0]])
+
+    def encode(self, angles, f):
+        from model_runtime.representation.latents import Latents
+
+        return Latents(f.transpose(1, 2), f.mean(-1))
+
+
+def test_histories_of_a_sequence_hold_parameters_and_latents():
+    from model_runtime.brdf.torrance_sparrow import evaluate
+
+    sequence = s2(random_maps(3, 1), 0.5, frames=4)
+    source = source_histories(sequence, _Plain())
+    torch.testing.assert_close(source.parameters, histories_of(sequence))
+    assert source.latents.shape == (9, 4, 12)
+    assert bool(source.observed.all())
+    state = source.parameters[5, 2]
+    f = evaluate(state[None, :3], state[None, 3:6], state[None, 6], _Plain().sample_angles(3))[0]
+    torch.testing.assert_close(source.latents[5, 2, :9], f.T.reshape(-1))
+    part = source.select(torch.tensor([5]))
+    assert torch.equal(part.parameters[0], source.parameters[5])
+
+
+def test_a_large_sequence_is_drawn_from_with_the_onset_of_the_same_texels():
+    size = 100
+    rng = np.random.default_rng(0)
+    onset = rng.choice((0.0, 0.5), (size, size)).astype(np.float32)
+    times = np.linspace(0, 1, 3, dtype=np.float32)
+    rise = np.maximum(0, times[:, None, None] - onset)
+    kd = np.repeat(rise[..., None], 3, -1).astype(np.float32)
+    sequence = Sequence(kd, np.zeros_like(kd), rise + np.float32(0.1), times, onset, "made up")
+    source = source_histories(sequence, _Plain(), seed=1)
+    assert len(source.parameters) == 8192
+    late = ~source.observed[:, 2]
+    assert 0.4 < float(late.float().mean()) < 0.6
+    torch.testing.assert_close(
+        source.parameters[late, 1, 0], torch.full((int(late.sum()),), 0.5), rtol=0, atol=1e-6
+    )
+    again = source_histories(replace(sequence), _Plain(), seed=1)
+    assert torch.equal(again.parameters, source.parameters)
