@@ -25,6 +25,7 @@ from types import ModuleType
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+EXIT_STATUS = pytest.StashKey[int]()
 
 
 class _ExtensionFinder(importlib.abc.MetaPathFinder):
@@ -41,6 +42,22 @@ class _ExtensionFinder(importlib.abc.MetaPathFinder):
 
 
 sys.meta_path.append(_ExtensionFinder())
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    session.config.stash[EXIT_STATUS] = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Leave at once where Blender is in this process: it has much to say, and pytest the last word.
+
+    Blender's shutdown reports every block it did not free, after pytest's closing line.
+    """
+    if "bpy" in sys.modules and EXIT_STATUS in config.stash:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(config.stash[EXIT_STATUS])
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ import os
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
 
 import bpy
@@ -19,6 +18,7 @@ folder = Path(sys.argv[1])
 material = small_scene.build(folder)
 material.tvbrdf.size, material.tvbrdf.steps = 512, 36
 killed: list[int] = []
+ended = threading.Event()
 
 
 def nodes() -> set[str]:
@@ -27,19 +27,23 @@ def nodes() -> set[str]:
 
 def kill_when_writing() -> None:
     while not any(folder.rglob("*.exr*")):
-        time.sleep(0.005)
+        if ended.wait(0.005):
+            return
     for pid in small_scene.workers():
         os.kill(pid, signal.SIGKILL)
         killed.append(pid)
 
 
 before = nodes()
-threading.Thread(target=kill_when_writing, daemon=True).start()
+killer = threading.Thread(target=kill_when_writing)
+killer.start()
 try:
     outcome = bpy.ops.tvbrdf.age_material()
 except RuntimeError as error:  # how an operator's error report reaches a script
     print("REPORT:", error)
     outcome = {"CANCELLED"}
+ended.set()
+killer.join()
 assert killed, "there was no worker to kill"
 assert outcome == {"CANCELLED"}
 assert nodes() == before
