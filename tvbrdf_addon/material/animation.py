@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import bpy
 
+from .ownership import TAG, user_count
+
 __all__ = (
-    "TAG",
     "AnimationBefore",
     "channels",
     "drive_by_age",
@@ -16,9 +17,6 @@ __all__ = (
     "own_action",
     "remove_keys",
 )
-
-TAG = "tvbrdf"
-"""The custom property that marks what ageing added to a file: nodes, images, actions."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class AnimationBefore:
         original = bpy.data.actions.get(self.action) if self.action else None
         if action and TAG in action and (original or not len(channels(tree))):
             _assign(data, original, self.slot)
-            if action.users - action.use_fake_user == 0:
+            if user_count(action) == 0:
                 bpy.data.actions.remove(action)
         if hasattr(data, "last_slot_identifier") and data.action is None:
             data.last_slot_identifier = self.last_slot
@@ -73,7 +71,7 @@ def own_action(tree: bpy.types.NodeTree, *, mark: bool = False) -> None:
     data = tree.animation_data
     if data is None or data.action is None:
         return
-    if data.action.users - data.action.use_fake_user > 1:
+    if user_count(data.action) > 1:
         slot = getattr(data, "action_slot", None)
         identifier = slot.identifier if slot else None
         _assign(data, data.action.copy(), identifier)

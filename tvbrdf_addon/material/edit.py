@@ -10,8 +10,9 @@ from typing import TypeAlias
 import bpy
 
 from ..errors import MaterialError
-from .animation import TAG, AnimationBefore, drive_by_age, key, own_action
+from .animation import AnimationBefore, drive_by_age, key, own_action
 from .layout import Layout
+from .ownership import TAG
 from .pixels import read_exr_texel
 from .read import Reading
 from .record import Link, Record, SocketBefore, store

@@ -7,7 +7,8 @@ import re
 import bpy
 
 from ..errors import MaterialError
-from .animation import TAG, channels, own_action, remove_keys
+from .animation import channels, own_action, remove_keys
+from .ownership import TAG, user_count
 from .record import is_aged, keyed_sockets, load, tagged
 
 __all__ = ("freeze",)
@@ -52,7 +53,7 @@ def _hold(socket: bpy.types.NodeSocket, frame: int) -> None:
 def _still(node: bpy.types.ShaderNodeTexImage, number: int) -> None:
     node.image_user.driver_remove("frame_offset")
     image = node.image
-    if image.users > 1:  # a copy of the material plays it
+    if user_count(image) > 1:  # a copy of the material plays it
         image = image.copy()
         image[TAG] = 1
         node.image = image

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from .animation import TAG
+from .ownership import TAG
 
 __all__ = ("Layout",)
 

@@ -14,6 +14,7 @@ from ..errors import MaterialError
 from ..properties import frame_range
 from .bake import Target, bake_sockets
 from .check import why_not
+from .ownership import user_count
 from .pixels import LUMINANCE, Array, linear_color, resampled, write_exr
 from .revert import revert
 from .space import Sampling, Space, choose_space, is_constant, is_direct
@@ -105,7 +106,7 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
         data = copy.node_tree.animation_data if copy.node_tree else None
         action = data.action if data else None
         bpy.data.materials.remove(copy)
-        if action and action.users == 0:
+        if action and user_count(action) == 0:
             bpy.data.actions.remove(action)
 
 

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field, replace
 import bpy
 
 from ..errors import MaterialError
-from .animation import TAG, AnimationBefore
+from .animation import AnimationBefore
+from .ownership import TAG
 from .trace import input_socket, is_animated
 
 __all__ = (

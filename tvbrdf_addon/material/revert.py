@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from .animation import TAG, own_action, remove_keys
+from .animation import own_action, remove_keys
+from .ownership import TAG, user_count
 from .record import Link, Record, find, is_aged, keyed_sockets, load, tagged
 from .trace import input_socket
 
@@ -46,7 +47,7 @@ def _remove_nodes(tree: bpy.types.NodeTree) -> None:
             images.add(node.image)
         tree.nodes.remove(node)
     for image in images:
-        if image.users == 0:
+        if user_count(image) == 0:
             bpy.data.images.remove(image)
 
 
