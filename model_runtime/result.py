@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import glob
 import json
+import re
 import shutil
 import tempfile
 import time
@@ -19,6 +21,7 @@ __all__ = ("REPORT", "StagedResult", "check_space")
 
 REPORT = "aged.json"
 
+_FRAME = re.compile(r"[a-z_]+_[0-9]{4,}\.exr")
 _ABANDONED_SECONDS = 24 * 3600
 _WRITERS = 2
 _QUEUED = 8
@@ -92,6 +95,7 @@ class StagedResult:
             self.folder.mkdir(exist_ok=True)
             before = self._earlier_files()
             names = sorted(path.name for path in self._staging.iterdir() if path.name != REPORT)
+            self._check_nothing_is_in_the_way([*names, REPORT])
             for name in names:
                 (self._staging / name).replace(self.folder / name)
             for name in before - set(names):
@@ -104,19 +108,28 @@ class StagedResult:
     def _prefix(self) -> str:
         return f".{self.folder.name}.partial-"
 
+    def _check_nothing_is_in_the_way(self, names: list[str]) -> None:
+        """A folder is no earlier result of ours; found half way it would leave two halves."""
+        for name in names:
+            if (self.folder / name).is_dir():
+                raise OutputError(
+                    f"{self.folder / name} is a folder where a file is to be written.",
+                    "Move it away, or choose another output folder.",
+                )
+
     def _settle(self, allowed: int) -> None:
         while len(self._pending) > allowed:
             self._pending.pop(0).result()
 
     def _sweep(self) -> None:
         """Remove what a worker that was killed a day or longer ago left behind."""
-        for path in self.folder.parent.glob(f"{self._prefix}*"):
+        for path in self.folder.parent.glob(f"{glob.escape(self._prefix)}*"):
             if path.is_dir() and time.time() - path.stat().st_mtime > _ABANDONED_SECONDS:
                 shutil.rmtree(path, ignore_errors=True)
 
     def _earlier_files(self) -> set[str]:
-        """Names of the EXR files that the report in the folder says are ours; no path is
-        followed.
+        """Names of files that the report in the folder says are ours and that are named as ours; no
+        path is followed.
         """
         try:
             earlier = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
@@ -126,9 +139,18 @@ class StagedResult:
                 for entry in listed
                 for name in ([entry] if isinstance(entry, str) else [part[0] for part in entry])
             }
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
+        except (
+            OSError,
+            ValueError,
+            RecursionError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            IndexError,
+        ):
             return set()
-        return {n for n in names if isinstance(n, str) and n == Path(n).name and n.endswith(".exr")}
+        ours = {name for name in names if isinstance(name, str) and _FRAME.fullmatch(name)}
+        return {name for name in ours if not (self.folder / name).is_dir()}
 
     def _unwritable(self, error: OSError) -> OutputError:
         return OutputError(

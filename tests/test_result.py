@@ -1,0 +1,362 @@
+"""Results appear whole or not at all, and take nothing of the user's with them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from model_runtime import result
+from model_runtime.errors import OutputError
+from model_runtime.images import read_image
+from model_runtime.result import REPORT, StagedResult, check_space
+
+GREY = np.full((4, 4), 0.5, np.float32)
+
+
+def names(frames: int) -> list[str]:
+    return [f"alpha_{k:04d}.exr" for k in range(1, frames + 1)]
+
+
+def write(folder: Path, frames: int, *, value: float = 0.5) -> None:
+    """A whole result."""
+    with StagedResult(folder) as staged:
+        for name in names(frames):
+            staged.write(name, np.full((4, 4), value, np.float32))
+        staged.commit({"frames": frames, "files": {"alpha": names(frames)}})
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def leftovers(folder: Path) -> list[str]:
+    """What lies beside the result: nothing should."""
+    return [path.name for path in folder.parent.iterdir() if path != folder]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Not there yet, and with characters that paths may have."""
+    return tmp_path / "inner" / "aged [ü] 1*"
+
+
+def test_a_result_is_its_files_and_a_report(folder: Path):
+    write(folder, 3)
+    assert sorted(contents(folder)) == sorted([*names(3), REPORT])
+    report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+    assert report == {"frames": 3, "files": {"alpha": names(3)}}
+    assert (read_image(folder / names(3)[2], color=False) == 0.5).all()
+    assert leftovers(folder) == []
+
+
+def test_nothing_appears_before_it_is_complete(folder: Path):
+    with StagedResult(folder) as staged:
+        for name in names(20):
+            staged.write(name, GREY)
+        staged.finish()
+        assert not folder.exists()
+        staged.commit({"files": {"alpha": names(20)}})
+        assert len(contents(folder)) == 21
+
+
+def test_a_relative_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    write(Path("aged"), 1)
+    assert (tmp_path / "aged" / REPORT).exists()
+
+
+def test_a_failure_leaves_the_earlier_result(folder: Path):
+    write(folder, 3)
+    before = contents(folder)
+
+    def fail() -> None:
+        with StagedResult(folder) as staged:
+            for name in names(5):
+                staged.write(name, GREY * 0)
+            raise RuntimeError("halfway")
+
+    with pytest.raises(RuntimeError, match="halfway"):
+        fail()
+    assert contents(folder) == before
+    assert leftovers(folder) == []
+
+
+def test_leaving_without_commit_leaves_the_earlier_result(folder: Path):
+    write(folder, 3)
+    before = contents(folder)
+    with StagedResult(folder) as staged:
+        staged.write("alpha_0001.exr", GREY * 0)
+    assert contents(folder) == before
+    assert leftovers(folder) == []
+
+
+def test_a_shorter_result_leaves_no_frames_of_the_longer_one(folder: Path):
+    write(folder, 5)
+    write(folder, 2, value=0.25)
+    assert sorted(contents(folder)) == sorted([*names(2), REPORT])
+    assert (read_image(folder / names(2)[0], color=False) == 0.25).all()
+
+
+def test_frames_of_a_sparse_result_go_too(folder: Path):
+    with StagedResult(folder) as staged:
+        for name in names(3):
+            staged.write(name, GREY)
+        mixes = [[[name, 1.0]] for name in names(3)]
+        staged.commit({"files": {"alpha": mixes}})
+    write(folder, 1)
+    assert sorted(contents(folder)) == sorted([*names(1), REPORT])
+
+
+def test_the_user_s_own_files_stay(folder: Path):
+    write(folder, 5)
+    (folder / "notes.txt").write_text("mine")
+    (folder / "photo.exr").write_bytes(b"mine")
+    (folder / "alpha_0099.exr").write_bytes(b"mine too, no report lists it")
+    (folder / "renders").mkdir()
+    (folder / "renders" / "alpha_0001.exr").write_bytes(b"mine")
+    write(folder, 2)
+    kept = {"notes.txt", "photo.exr", "alpha_0099.exr"}
+    assert set(contents(folder)) == kept | {*names(2), REPORT}
+    assert (folder / "renders" / "alpha_0001.exr").read_bytes() == b"mine"
+
+
+HOSTILE_NAMES = [
+    "../outside_0001.exr",
+    "/outside_0001.exr",
+    "sub/inside_0001.exr",
+    "..",
+    ".",
+    "",
+    "notes.txt",
+    "photo.exr",
+    "nul\0_0001.exr",
+    "\ud800_0001.exr",
+    "sub",
+    "folder_0001.exr",
+    5,
+    None,
+    ["alpha_0002.exr"],
+    {"alpha": 1},
+]
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES, ids=ascii)
+@pytest.mark.parametrize("sparse", [False, True], ids=["whole", "sparse"])
+def test_a_hostile_report_removes_nothing_of_the_user_s(folder: Path, name: Any, sparse: bool):
+    folder.mkdir(parents=True)
+    mine = [
+        folder.parent / "outside_0001.exr",
+        folder / "sub" / "inside_0001.exr",
+        folder / "folder_0001.exr" / "inside.txt",
+        folder / "notes.txt",
+        folder / "photo.exr",
+    ]
+    for path in mine:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"mine")
+    entry = [[name, 1.0]] if sparse else name
+    (folder / REPORT).write_text(json.dumps({"files": {"alpha": [entry]}}))
+    write(folder, 2)
+    for path in mine:
+        assert path.read_bytes() == b"mine"
+    assert json.loads((folder / REPORT).read_text())["frames"] == 2
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        "3",
+        "null",
+        '{"files": 3}',
+        '{"files": {"a": 3}}',
+        '{"files": {"a": [[]]}}',
+        '{"files": [["alpha_0001.exr"]]}',
+        "[" * 100_000,
+        '{"files": ' * 50_000 + "1" + "}" * 50_000,
+        "\xff\xfe",
+    ],
+    ids=lambda text: text[:24],
+)
+def test_a_report_that_makes_no_sense_is_replaced(folder: Path, text: str):
+    folder.mkdir(parents=True)
+    (folder / REPORT).write_bytes(text.encode("latin-1"))
+    write(folder, 1)
+    assert sorted(contents(folder)) == [REPORT, names(1)[0]]
+    assert json.loads((folder / REPORT).read_text())["frames"] == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need a privilege on Windows")
+def test_links_in_the_folder_are_not_followed(folder: Path, tmp_path: Path):
+    target = tmp_path / "precious.exr"
+    target.write_bytes(b"mine")
+    folder.mkdir(parents=True)
+    (folder / "alpha_0001.exr").symlink_to(target)  # replaced
+    (folder / "alpha_0002.exr").symlink_to(target)  # removed
+    (folder / REPORT).write_text(json.dumps({"files": {"alpha": names(2)}}))
+    write(folder, 1)
+    assert target.read_bytes() == b"mine"
+    assert sorted(contents(folder)) == [REPORT, names(1)[0]]
+
+
+@pytest.mark.parametrize("blocked", ["alpha_0002.exr", REPORT])
+def test_a_folder_in_the_way_of_a_file_is_found_before_anything_is_replaced(
+    folder: Path, blocked: str
+):
+    write(folder, 3)
+    (folder / blocked).unlink()
+    (folder / blocked).mkdir()
+    before = contents(folder)
+    with pytest.raises(OutputError) as error:
+        write(folder, 3, value=0.0)
+    assert blocked in error.value.message
+    assert contents(folder) == before
+    assert leftovers(folder) == []
+
+
+class TestWhatCannotBeWritten:
+    def test_a_file_where_the_folder_should_be(self, tmp_path: Path):
+        (tmp_path / "aged").write_text("mine")
+        with (
+            pytest.raises(OutputError, match="is a file, not a folder"),
+            StagedResult(tmp_path / "aged"),
+        ):
+            pass
+        assert (tmp_path / "aged").read_text() == "mine"
+
+    def test_a_file_where_its_parent_should_be(self, tmp_path: Path):
+        (tmp_path / "inner").write_text("mine")
+        with pytest.raises(OutputError, match="cannot be written"):
+            write(tmp_path / "inner" / "aged", 1)
+
+    @pytest.mark.skipif(os.name == "nt", reason="links need a privilege on Windows")
+    def test_a_link_that_leads_nowhere(self, tmp_path: Path):
+        (tmp_path / "aged").symlink_to(tmp_path / "none" / "none")
+        with pytest.raises(OutputError):
+            write(tmp_path / "aged", 1)
+        assert leftovers(tmp_path / "aged") == []
+
+    def test_a_folder_without_permission(self, tmp_path: Path):
+        (tmp_path / "inner").mkdir(mode=0o500)
+        if os.access(tmp_path / "inner", os.W_OK):
+            pytest.skip("permissions do not bind this user (root)")
+        with pytest.raises(OutputError, match="cannot be written"):
+            write(tmp_path / "inner" / "aged", 1)
+
+    def test_a_read_only_file_system(self, folder: Path, monkeypatch: pytest.MonkeyPatch):
+        write(folder, 2)
+        before = contents(folder)
+
+        def refuse(**_: object) -> str:
+            raise OSError(30, "Read-only file system")
+
+        monkeypatch.setattr(result.tempfile, "mkdtemp", refuse)
+        with pytest.raises(OutputError, match="Read-only file system"):
+            write(folder, 1)
+        assert contents(folder) == before
+
+    def test_an_image_that_cannot_be_written(self, folder: Path, monkeypatch: pytest.MonkeyPatch):
+        """Whichever of the queued ones it is, the run ends with its error."""
+        write(folder, 2)
+        before = contents(folder)
+
+        def refuse(path: Path, pixels: object) -> None:
+            raise OutputError(
+                f"{path.name} cannot be written: No space left on device.", "Free it."
+            )
+
+        monkeypatch.setattr(result, "write_exr", refuse)
+        with pytest.raises(OutputError, match="No space left"):
+            write(folder, 30)
+        assert contents(folder) == before
+        assert leftovers(folder) == []
+
+
+class TestSpace:
+    def test_too_little_is_said_before_anything_is_done(
+        self, folder: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        monkeypatch.setattr(
+            result.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 10**9, 5_000_000)
+        )
+        check_space(folder, 5_000_000)
+        with pytest.raises(OutputError, match=r"may need 6 MB; .* has 5 left") as error:
+            check_space(folder, 6_000_000)
+        assert "smaller size" in error.value.hint
+        assert not folder.exists()
+
+    def test_the_disk_asked_is_that_of_the_nearest_folder_there_is(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        asked = []
+
+        def usage(path: Path):
+            asked.append(path)
+            return shutil._ntuple_diskusage(1, 0, 1)
+
+        monkeypatch.setattr(result.shutil, "disk_usage", usage)
+        check_space(tmp_path / "a" / "b" / "c", 1)
+        check_space(tmp_path, 1)
+        monkeypatch.chdir(tmp_path)
+        check_space(Path("aged"), 1)
+        assert [Path(path).resolve() for path in asked] == [tmp_path.resolve()] * 3
+
+    @pytest.fixture
+    def small_disk(self, tmp_path: Path) -> Iterator[Path]:
+        """A file system of 256 kB."""
+        disk = tmp_path / "disk"
+        disk.mkdir()
+        mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(disk)]
+        if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
+            pytest.skip("no file system can be mounted here")
+        yield disk
+        subprocess.run(["umount", str(disk)], check=True)
+
+    def test_a_disk_that_is_full_in_the_middle(self, small_disk: Path):
+        write(small_disk / "aged", 3)
+        before = contents(small_disk / "aged")
+        noise = np.random.default_rng(0).random((128, 128, 3), np.float32)
+
+        def fill() -> None:
+            with StagedResult(small_disk / "aged") as staged:
+                for name in names(12):
+                    staged.write(name, noise)
+                staged.commit({"files": {"alpha": names(12)}})
+
+        with pytest.raises(OutputError, match="No space left"):
+            fill()
+        assert contents(small_disk / "aged") == before
+        assert leftovers(small_disk / "aged") == []
+
+
+class TestAbandoned:
+    """What a worker that was killed has left behind."""
+
+    def abandon(self, folder: Path, hours: float) -> Path:
+        path = folder.parent / f".{folder.name}.partial-{hours:g}"
+        path.mkdir(parents=True)
+        (path / "alpha_0001.exr").write_bytes(b"half")
+        os.utime(path, (time.time() - hours * 3600,) * 2)
+        return path
+
+    def test_is_swept_after_a_day(self, folder: Path):
+        old, recent = self.abandon(folder, 25), self.abandon(folder, 1)
+        write(folder, 1)
+        assert not old.exists()
+        assert recent.exists()  # another run may be at work
+
+    def test_another_result_s_is_left_alone(self, tmp_path: Path):
+        other = self.abandon(tmp_path / "a", 48)
+        write(tmp_path / "[ab]", 1)
+        assert other.exists()
