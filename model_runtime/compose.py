@@ -24,6 +24,7 @@ class AgedTexels:
     histories: of the palette's entries
     gain: [T, 7] how much of a small initial difference is left at each age (the affine rung's)
     onset: [n] the time at which each texel's history starts, or None: all at 0
+    rate: [n] how fast it then runs, at most 1, or None: 1
     """
 
     initial: Tensor
@@ -31,11 +32,12 @@ class AgedTexels:
     histories: Histories
     gain: Tensor
     onset: Tensor | None
+    rate: Tensor | None = None
 
     def at(self, time: float) -> Tensor:
         """States [n, 7] at `time` in 0..1.
 
-        A texel of age a = max(0, time - onset) is
+        A texel of age a = rate max(0, time - onset) is
 
             x(a) = P(a) + g(a) (x(0) - P(0)),
 
@@ -59,6 +61,7 @@ class AgedTexels:
             initial=self.initial[rows],
             palette=replace(self.palette, index=self.palette.index[rows]),
             onset=None if self.onset is None else self.onset[rows],
+            rate=None if self.rate is None else self.rate[rows],
         )
 
     def _aged(self, rows: Tensor, time: float) -> Tensor:
@@ -70,6 +73,8 @@ class AgedTexels:
             place = torch.full((1,), time * last)
         else:
             place = (time - self.onset[rows]) * last
+        if self.rate is not None:
+            place = place * self.rate[rows]
         lower = place.floor().long().clamp(0, max(last - 1, 0))
         upper = (lower + 1).clamp(max=last)
         share = (place - lower)[:, None]

@@ -3,9 +3,10 @@
 A model of change gives every texel the same history; what makes rust look like rust is that the
 history starts at different times. An onset map holds that time, and the product ages a texel by
 
-    a(x, y, t) = max(0, t - onset(x, y)),
+    a(x, y, t) = rate(x, y) max(0, t - onset(x, y)),
 
-so that an onset of 0 everywhere is the paper's behaviour.
+so that an onset of 0 and a rate of 1 everywhere are the paper's behaviour. The rate, at most 1,
+mottles what has turned: no two places of a rusty plate are equally far.
 
 The pattern is a growth process. Nuclei appear at random places and times (Johnson and Mehl 1939,
 Avrami 1939) and spread through a medium of uneven speed; the arrival time T solves the eikonal
@@ -26,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ("PACE", "fractal_noise", "onset_map")
+__all__ = ("PACE", "fractal_noise", "onset_map", "rate_map")
 
 Array = NDArray[np.float32]
 
@@ -53,25 +54,30 @@ class _Growth:
     grain: tuple[float, float]  # noise cells (down, across) of the slowness and border noise
     raggedness: float  # amplitude of the border noise's first octave, in time
     gain: float  # amplitude ratio from one octave to the next finer one
+    mottling: float  # log-amplitude by which histories run slower in places
 
 
 _PROCESSES = {
     "rust": _Growth(
         nuclei=700, clusters=(3, 3), cluster_delay=0.08, birth_spread=0.06,
         across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.022, gain=0.82,
+        mottling=0.5,
     ),
     "patina": _Growth(
         nuclei=60, clusters=(3, 4), cluster_delay=0.6, birth_spread=0.2,
         across=0.35, down=1.3, up=0.2, unevenness=0.8, grain=(4, 16), raggedness=0.14, gain=0.72,
+        mottling=0.35,
     ),
     "char": _Growth(
         nuclei=5, clusters=(2, 2), cluster_delay=0.1, birth_spread=0.15,
         across=1.0, down=0.8, up=1.25, unevenness=1.0, grain=(9, 9), raggedness=0.06, gain=0.65,
+        mottling=0.3,
     ),
 }  # fmt: skip
 _SPOTS = _Growth(
     nuclei=120, clusters=(3, 3), cluster_delay=0.15, birth_spread=0.1,
     across=1.0, down=1.0, up=1.0, unevenness=0.5, grain=(8, 8), raggedness=0.03, gain=0.55,
+    mottling=0.3,
 )  # fmt: skip
 
 
@@ -92,6 +98,19 @@ def onset_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool
         source.rng("border"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
     )
     return _paced(arrival)
+
+
+def rate_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool = True) -> Array:
+    """How fast each texel's history runs, above 0 and at most 1: float32 [H, W].
+
+    Noise of the same grain as the border's, from a few texels up. The arguments are `onset_map`'s.
+    """
+    growth = _PROCESSES.get(process, _SPOTS)
+    source = _Source(seed, zlib.crc32(process.encode()), 1.0, 1.0)
+    noise = fractal_noise(
+        source.rng("rate"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
+    )
+    return np.exp(-growth.mottling * np.clip(1 + noise, 0, 3), dtype=np.float32)
 
 
 @dataclass(frozen=True)
