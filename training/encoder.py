@@ -26,6 +26,13 @@ from .evaluation.metric import tone_map
 __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
 
 
+ATTRIBUTION = (
+    "Trained on the MERL BRDF Database (Matusik, Pfister, Brand, McMillan 2003, Mitsubishi "
+    "Electric Research Laboratories, CC-BY-SA-4.0), changes made, through the networks of "
+    "Neural-BRDF (Sztrajman, Rainer, Ritschel, Weyrich 2021, MIT), and on random analytic BRDFs."
+)
+
+
 @dataclass(frozen=True)
 class EncoderConfig:
     """One recipe. `iterations` is what `--minutes` overrides, at the speed measured on this
@@ -196,6 +203,8 @@ def train_encoder(
         {
             "name": recipe.representation,
             "title": f"BRDF encoder ({recipe.representation})",
+            "source": ATTRIBUTION,
+            "license": "GPL-3.0-or-later",
             "trained": {
                 "command": f"python -m training encoder --config {config} --seed {seed}"
                 + (f" --minutes {minutes:g}" if minutes is not None else ""),

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from model_runtime.histories import roll_out
-from model_runtime.package import save_model
+from model_runtime.package import read_card, save_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.temporal.domain import Domain
@@ -97,6 +97,7 @@ def train_ntm(
     frames = source.parameters.shape[1]
     details: dict[str, Any] = {
         **card,
+        "source": f"{card['source']}. Encoder: {read_card(encoder).source}",
         "frames": frames,
         "representation": identity,
         "domain": {"radius": domain.radius, "ranges": _ranges(train.parameters[:, 0])},
