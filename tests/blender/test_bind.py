@@ -273,3 +273,12 @@ def test_normals_emission_and_alpha_outlive_torrance_sparrow(tmp_path):
     mix = tree.get_output_node("CYCLES").inputs["Surface"].links[0].from_node
     assert mix.type == "MIX_SHADER"
     assert mix.inputs[0].default_value == 0.5
+
+
+def test_a_copy_follows_its_own_age(tmp_path):
+    material = new_material()
+    procedural(material)
+    bind(material, plane(material), made_up(tmp_path / "one"), tmp_path)
+    copy = material.copy()
+    for driver in copy.node_tree.animation_data.drivers:
+        assert driver.driver.variables[0].targets[0].id == copy
