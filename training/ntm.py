@@ -35,7 +35,7 @@ _VALIDATION_TEXELS = 256
 class NTMConfig:
     """Both LSTMs are trained alike; `sufficient` and `margin` (dB) decide which rung is used."""
 
-    iterations: int = 1500
+    iterations: int = 2500
     batch: int = 256
     learning_rate: float = 3e-3
     warm_up: int = 100
@@ -73,14 +73,13 @@ def train_ntm(
     parameters.standardise(train.parameters)
     latents = LatentLSTM(*representation.latent_sizes)
     latents.standardise(train.latents)
-    start = time.monotonic()
     each = None if minutes is None else minutes / 2
-    iterations = {}
+    done: dict[str, Any] = {}
     for name, model, states, kinds in (
         ("parameters", parameters, train.parameters, _parameter_loss),
         ("latents", latents, train.latents, _latent_loss),
     ):
-        iterations[name] = _train(
+        done[name] = _train(
             model,
             states,
             train.observed,
@@ -105,7 +104,6 @@ def train_ntm(
     ntm = NeuralTemporalModel(_draft_card(output, details), affine, parameters, latents, domain)
     scores = {rung: _score(rung, ntm, test, representation) for rung in LADDER}
     chosen = _choose(scores, config)
-    minutes_spent = round((time.monotonic() - start) / 60, 1)
     details |= {
         "temporal_model": chosen,
         "ladder": {rung: round(score, 1) for rung, score in scores.items()},
@@ -113,8 +111,8 @@ def train_ntm(
             "command": f"python -m training ntm --sequence {sequence} --encoder {encoder.name} "
             f"--output {output.name} --name {card['name']} --seed {seed}"
             + (f" --minutes {minutes:g}" if minutes is not None else ""),
-            "iterations": iterations,
-            "minutes": minutes_spent,
+            "iterations": {name: record["iterations"] for name, record in done.items()},
+            "minutes": round(sum(record["seconds"] for record in done.values()) / 60, 1),
             "seed": seed,
             "texels": len(source.parameters),
         },
@@ -171,7 +169,7 @@ def _train(
     resume: bool,
     minutes: float | None,
     seed: int,
-) -> int:
+) -> dict[str, Any]:
     """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the iterations
     done.
     """
@@ -191,7 +189,7 @@ def _train(
         nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         return value
 
-    record: dict[str, Any] = {"step": 0, "iterations": config.iterations}
+    record: dict[str, Any] = {"step": 0, "seconds": 0.0, "iterations": config.iterations}
     if resume and checkpoint.exists():
         record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g)
     elif minutes is not None:
@@ -202,6 +200,7 @@ def _train(
         record["iterations"] = max(1, int(minutes * 60 * 5 / (time.monotonic() - start)))
         g.manual_seed(seed)
     writer, saved = SummaryWriter(log), time.monotonic()
+    begun = saved - record["seconds"]
     total = record["iterations"]
     bar = tqdm(range(record["step"], total), initial=record["step"], total=total)
     for step in bar:
@@ -218,11 +217,11 @@ def _train(
             writer.add_scalar("loss", value.item(), step)
         if time.monotonic() - saved > 60 or step == total - 1:
             saved = time.monotonic()
-            record["step"] = step + 1
+            record |= {"step": step + 1, "seconds": saved - begun}
             save_checkpoint(
                 checkpoint, model=model, optimizer=optimizer, generator=g, record=record
             )
-    return total
+    return record
 
 
 def _score(
