@@ -170,8 +170,8 @@ def _train(
     minutes: float | None,
     seed: int,
 ) -> dict[str, Any]:
-    """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the iterations
-    done.
+    """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the run's record:
+    steps, iterations and seconds.
     """
     from torch.utils.tensorboard import SummaryWriter
 
