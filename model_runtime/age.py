@@ -158,12 +158,13 @@ def _age(run: _Run) -> dict[str, Any]:
     check_space(request.output, size[0] * size[1] * request.frames * _BYTES_PER_TEXEL)
     with run.timed("model"):
         rung = _rung(run, ntm, initial)
-        palette, histories = _model(run, initial, ntm, rung, representation, material)
+        gain = torch.ones_like(ntm.affine.gain) if rung == "constant" else ntm.affine.gain
+        palette, histories = _model(run, initial, ntm, rung, gain, representation, material)
     aged = AgedTexels(
         initial,
         palette,
         histories,
-        torch.ones_like(ntm.affine.gain) if rung == "constant" else ntm.affine.gain,
+        gain,
         None if onset is None else torch.from_numpy(onset.reshape(-1)),
         None if rate is None else torch.from_numpy(rate.reshape(-1)),
     )
@@ -286,6 +287,7 @@ def _model(
     initial: Tensor,
     ntm: NeuralTemporalModel,
     rung: str,
+    gain: Tensor,
     representation: Representation,
     material: Material,
 ) -> tuple[Palette, Histories]:
@@ -317,12 +319,10 @@ def _model(
         return palette, histories
     rows = torch.linspace(0, len(initial) - 1, min(_CHECKED, len(initial))).long()
     own = Palette(initial[rows], torch.arange(len(rows)))
-    truth = AgedTexels(own.entries, own, modelled(own), ntm.affine.gain, None)
+    truth = AgedTexels(own.entries, own, modelled(own), gain, None)
     for _ in range(_REFINEMENTS):
         index = palette.index[rows]
-        shared = AgedTexels(
-            own.entries, Palette(palette.entries, index), histories, ntm.affine.gain, None
-        )
+        shared = AgedTexels(own.entries, Palette(palette.entries, index), histories, gain, None)
         reached = min(appearance_psnr(truth.at(t), shared.at(t)) for t in (0.1, 0.3, 0.6, 1.0))
         finer = len(palette.entries) < effort.most
         if reached >= run.request.tolerance or not finer or run.request.quality == "draft":

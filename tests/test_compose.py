@@ -16,7 +16,13 @@ FRAMES = 9
 
 
 def aged(
-    n: int = 40, entries: int = 5, *, onset: torch.Tensor | None, seed: int = 0, gain=None
+    n: int = 40,
+    entries: int = 5,
+    *,
+    onset: torch.Tensor | None,
+    rate: torch.Tensor | None = None,
+    seed: int = 0,
+    gain=None,
 ) -> AgedTexels:
     """Texels near to their entries, whose histories wander."""
     g = torch.Generator().manual_seed(seed)
@@ -28,31 +34,33 @@ def aged(
     initial = states[index, 0] + 0.02 * torch.rand(n, 7, generator=g)
     if gain is None:
         gain = torch.linspace(1, 0.2, FRAMES)[:, None].expand(FRAMES, 7)
-    return AgedTexels(initial, Palette(states[:, 0], index), Histories(states, 0.0), gain, onset)
+    palette, histories = Palette(states[:, 0], index), Histories(states, 0.0)
+    return AgedTexels(initial, palette, histories, gain, onset, rate)
 
 
 def by_hand(texels: AgedTexels, time: float) -> np.ndarray:
-    """x(a) = P(a) + g(a) (x(0) - P(0)) texel by texel, numpy interpolation between the ages."""
+    """x(a) = P(a) + g(a) (x(0) - P(0)), a = rate (t - onset), texel by texel by np.interp."""
     ages = np.linspace(0, 1, FRAMES)
     result = texels.initial.double().numpy().copy()
     for k in range(len(result)):
         onset = 0.0 if texels.onset is None else float(texels.onset[k])
         if time <= onset:
             continue
+        age = (time - onset) * (1.0 if texels.rate is None else float(texels.rate[k]))
         entry = texels.histories.states[texels.palette.index[k]].double().numpy()
         for c in range(7):
-            history = np.interp(time - onset, ages, entry[:, c])
-            gain = np.interp(time - onset, ages, texels.gain[:, c].double().numpy())
+            history = np.interp(age, ages, entry[:, c])
+            gain = np.interp(age, ages, texels.gain[:, c].double().numpy())
             result[k, c] = history + gain * (result[k, c] - entry[0, c])
     result[:, :6] = np.maximum(result[:, :6], 0)
     return result
 
 
 @settings(deadline=None, max_examples=25)
-@given(st.floats(0, 1), st.integers(0, 100), st.booleans())
-def test_the_equation(time: float, seed: int, staggered: bool):
-    onset = torch.rand(40, generator=torch.Generator().manual_seed(seed)) if staggered else None
-    texels = aged(onset=onset, seed=seed)
+@given(st.floats(0, 1), st.integers(0, 100), st.booleans(), st.booleans())
+def test_the_equation(time: float, seed: int, staggered: bool, mottled: bool):
+    onset, rate = torch.rand(2, 40, generator=torch.Generator().manual_seed(seed))
+    texels = aged(onset=onset if staggered else None, rate=rate if mottled else None, seed=seed)
     np.testing.assert_allclose(texels.at(time), by_hand(texels, time), atol=2e-6)
 
 
@@ -71,6 +79,11 @@ def test_before_its_onset_a_texel_is_the_input_to_the_bit():
 def test_an_onset_of_1_never_starts():
     texels = aged(onset=torch.ones(40))
     assert torch.equal(texels.at(1.0), texels.initial)
+
+
+def test_a_slower_texel_is_where_a_faster_one_was():
+    half = aged(onset=None, rate=torch.full((40,), 0.5))
+    torch.testing.assert_close(half.at(0.8), aged(onset=None).at(0.4), rtol=1e-5, atol=1e-6)
 
 
 def test_without_an_onset_the_age_is_the_time():
@@ -125,7 +138,7 @@ def test_the_input_is_not_changed():
 
 
 def test_some_texels_are_the_same_as_among_all():
-    texels = aged(onset=torch.rand(40))
+    texels = aged(onset=torch.rand(40), rate=torch.rand(40))
     rows = torch.tensor([3, 39, 0])
     for time in (0.0, 0.3, 1.0):
         assert torch.equal(texels.select(rows).at(time), texels.at(time)[rows])

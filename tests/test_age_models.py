@@ -1,0 +1,314 @@
+"""How ageing models: whatever the threads, the palette, the rung, the input and the onset."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from model_runtime import result
+from model_runtime.brdf import merl
+from model_runtime.errors import InputError
+from model_runtime.images import read_image, write_exr
+from model_runtime.temporal.ntm import LADDER
+from tests.ageing import (
+    COLOURS,
+    PRINCIPLED,
+    TORRANCE_SPARROW,
+    Listener,
+    contents,
+    frames_of,
+    run,
+    write_painted_steel,
+    write_torrance_sparrow,
+)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("age ü")
+
+
+@pytest.fixture(scope="module")
+def paint(place: Path) -> Path:
+    return write_painted_steel(place / "paint", 64)
+
+
+@pytest.fixture(scope="module")
+def steel(place: Path) -> Path:
+    """One uniform texel of steel."""
+    return write_torrance_sparrow(place / "steel")
+
+
+@pytest.fixture
+def floats(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, np.ndarray]]]:
+    """Runs an ageing and gives what it would write, before it is rounded to half floats."""
+    threads = torch.get_num_threads()
+
+    def aged(source: Path, output: Path, **options) -> dict[str, np.ndarray]:
+        written: dict[str, np.ndarray] = {}
+
+        def keep(path: Path, pixels: np.ndarray) -> None:
+            written[path.name] = pixels.copy()
+            write_exr(path, pixels)
+
+        monkeypatch.setattr(result, "write_exr", keep)
+        run(source, output, **options)
+        return written
+
+    yield aged
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.parametrize("rung", ["auto", "lstm_latents"])
+def test_threads_change_nothing(floats, tmp_path: Path, rung: str):
+    source = write_painted_steel(tmp_path / "paint", 8)
+    options = {"frames": 3, "format": "torrance-sparrow", "temporal_model": rung}
+    torch.set_num_threads(1)
+    one = floats(source, tmp_path / "one", **options)
+    torch.set_num_threads(2)
+    two = floats(source, tmp_path / "two", **options)
+    assert one.keys() == two.keys()
+    assert torch.get_num_threads() == 2  # the caller's setting is left as it was
+    for name, pixels in one.items():
+        np.testing.assert_allclose(two[name], pixels, rtol=1e-5, atol=1e-7, err_msg=name)
+
+
+def displayed(maps: dict[str, np.ndarray]) -> np.ndarray:
+    """(1 - exp(-2 pi f))^(1/2.8) of Torrance-Sparrow maps, mirror-like pairs of directions at
+    several half vectors, in float64 by DESIGN.md's formula.
+    """
+    kd, ks, alpha = (maps[name].astype(float) for name in TORRANCE_SPARROW)
+    alpha = np.clip(alpha, 1e-4, 1)[..., None]
+    shown = []
+    for theta_h in (0.0, 0.05, 0.2, 0.5):  # light and eye at this angle from the normal
+        cos2, tan2 = math.cos(theta_h) ** 2, math.tan(theta_h) ** 2
+        d = alpha**2 / (math.pi * cos2**2 * (alpha**2 + tan2) ** 2)
+        g1 = 2 / (1 + np.sqrt(1 + alpha**2 * tan2))
+        f = kd / math.pi + ks * d * g1**2 / (4 * cos2)
+        shown.append((1 - np.exp(-2 * math.pi * f)) ** (1 / 2.8))
+    return np.stack(shown)
+
+
+def psnr(truth: np.ndarray, estimate: np.ndarray) -> float:
+    error = float(((truth - estimate) ** 2).mean())
+    return 100.0 if error < 1e-10 else -10 * math.log10(error)
+
+
+@pytest.mark.parametrize(
+    ("rung", "size"), [("affine", 16), ("lstm_parameters", 16), ("lstm_latents", 12)]
+)
+def test_balanced_is_within_the_tolerance_of_exact(tmp_path: Path, rung: str, size: int):
+    source = write_painted_steel(tmp_path / "paint", size)
+    options = {"frames": 5, "temporal_model": rung, "format": "torrance-sparrow"}
+    exact = run(source, tmp_path / "exact", quality="exact", **options)
+    balanced = run(source, tmp_path / "balanced", tolerance=45.0, **options)
+    assert exact["palette"] == size * size
+    assert balanced["palette"] < exact["palette"]
+    for k in range(5):
+        both = [
+            displayed({name: frames_of(tmp_path / q, name, 5)[k] for name in TORRANCE_SPARROW})
+            for q in ("exact", "balanced")
+        ]
+        assert psnr(*both) >= 44.5, f"frame {k + 1}"
+
+
+def test_rust_spreads_over_uniform_steel(steel: Path, tmp_path: Path):
+    """Between frames 9 and 27 of 36 at least a fifth of the texels are as they were, at least a
+    fifth have turned, and the border moves.
+
+    As they were: not one step of an 8-bit display away. Turned: at least half of the way from
+    steel to rust, which is what the earliest texels are at the end; square roots, as seen.
+    """
+    run(steel, tmp_path / "out", size=64)
+    stacks = [frames_of(tmp_path / "out", name, 36) for name in TORRANCE_SPARROW]
+    seen = np.sqrt(np.concatenate((*stacks[:2], stacks[2][..., None]), -1).astype(float))
+    change = seen - seen[0]
+    amount = np.abs(change).max(-1)
+    first = amount[4] >= np.quantile(amount[4], 0.95)
+    whole = np.median(change[-1][first], 0)
+    progress = change @ whole / (whole @ whole)
+    turned, same = progress > 0.5, amount < 1 / 255
+    for k in range(8, 27):  # frames 9 to 27
+        assert same[k].mean() >= 0.2, f"frame {k + 1}"
+        assert turned[k].mean() >= 0.2, f"frame {k + 1}"
+    for k in range(8, 26, 3):
+        assert (turned[k + 3] & ~turned[k]).mean() > 0.005  # it gains ground
+        assert (turned[k] & ~turned[k + 3]).mean() < 0.01  # and loses none
+
+
+class TestOnset:
+    def test_uniform_without_onset_is_one_texel(self, steel: Path, tmp_path: Path):
+        report = run(steel, tmp_path / "out", frames=4, onset="none")
+        assert (report["size"], report["palette"]) == ([1, 1], 1)
+        assert frames_of(tmp_path / "out", "kd", 4).shape == (4, 1, 1, 3)
+
+    def test_uniform_with_onset_is_a_texture(self, steel: Path, tmp_path: Path):
+        report = run(steel, tmp_path / "out", frames=3, size=48)
+        assert (report["size"], report["palette"]) == ([48, 48], 1)
+        kd = frames_of(tmp_path / "out", "kd", 3)
+        assert kd[0].std() < 1e-6
+        assert kd[1].std() > 0.01
+
+    def test_textures_without_onset_change_all_at_once(self, paint: Path, tmp_path: Path):
+        run(paint, tmp_path / "out", frames=4, size=16, onset="none")
+        base = frames_of(tmp_path / "out", "base_color", 4)
+        assert (np.abs(base[1] - base[0]).max(-1) > 0).mean() > 0.99
+
+    @pytest.mark.parametrize("uniform", [False, True], ids=["texture", "uniform"])
+    def test_an_image_says_when(self, paint: Path, steel: Path, tmp_path: Path, uniform: bool):
+        """Left starts at 0, the middle at 1/2, the right never."""
+        onset = np.repeat([[0.0, 0.5, 1.0]], 32, 0).repeat((16, 8, 8), 1).astype(np.float32)
+        write_exr(tmp_path / "onset.exr", onset)
+        source, name = (steel, "kd") if uniform else (paint, "base_color")
+        options = {} if uniform else {"size": 32}
+        run(source, tmp_path / "out", frames=5, onset=str(tmp_path / "onset.exr"), **options)
+        values = frames_of(tmp_path / "out", name, 5)
+        assert values.shape == (5, 32, 32, 3)
+        changed = (values != values[:1]).any(-1).mean(1)  # [T, columns]
+        for k in range(5):
+            assert (changed[k, :16] > 0.95).all() == (k > 0)
+            assert (changed[k, 16:24] > 0.95).all() == (k > 2)
+            assert (changed[k, 24:] == 0).all()
+        if uniform:  # a texel's age alone counts: half a unit later, the same
+            np.testing.assert_allclose(values[4, 0, 20], values[2, 0, 0], rtol=1e-3)
+
+    def test_another_seed_is_another_pattern(self, steel: Path, tmp_path: Path):
+        ends = []
+        for seed in (1, 1, 2):
+            run(steel, tmp_path / "out", frames=3, size=32, seed=seed)
+            ends.append(frames_of(tmp_path / "out", "kd", 3)[1])
+        np.testing.assert_array_equal(ends[0], ends[1])
+        assert (ends[0] != ends[2]).any()
+
+    @pytest.mark.parametrize("value", [-0.1, 1.5, math.nan])
+    def test_an_image_out_of_range_is_refused(self, steel: Path, tmp_path: Path, value: float):
+        write_exr(tmp_path / "onset.exr", np.full((4, 4), value, np.float32))
+        with pytest.raises(InputError, match="outside 0 to 1"):
+            run(steel, tmp_path / "out", frames=2, onset=str(tmp_path / "onset.exr"))
+        assert not (tmp_path / "out").exists()
+
+    def test_a_missing_image_is_refused(self, steel: Path, tmp_path: Path):
+        with pytest.raises(InputError, match=r"none\.exr"):
+            run(steel, tmp_path / "out", frames=2, onset=str(tmp_path / "none.exr"))
+
+
+class TestSparse:
+    @pytest.mark.parametrize("onset", ["auto", "none"])
+    @pytest.mark.parametrize("tolerance", [35.0, 50.0])
+    def test_the_mixes_rebuild_every_frame(
+        self, paint: Path, tmp_path: Path, tolerance: float, onset: str
+    ):
+        options = {"frames": 12, "tolerance": tolerance, "onset": onset}
+        report = run(paint, tmp_path / "sparse", sparse=True, **options)
+        whole = run(paint, tmp_path / "whole", **options)
+        assert report["files"].keys() == whole["files"].keys()
+        used = set()
+        for name, mixes in report["files"].items():
+            assert len(mixes) == 12
+            truth = frames_of(tmp_path / "whole", name, 12)
+            for k, mix in enumerate(mixes):
+                used |= {file for file, _ in mix}
+                assert sum(weight for _, weight in mix) == pytest.approx(1)
+                rebuilt = sum(
+                    weight * read_image(tmp_path / "sparse" / file, color=name in COLOURS)
+                    for file, weight in mix
+                )
+                assert psnr(truth[k], np.asarray(rebuilt)) >= tolerance - 0.1
+            np.testing.assert_array_equal(
+                read_image(tmp_path / "sparse" / f"{name}_0001.exr", color=name in COLOURS),
+                truth[0],
+            )
+        assert set(contents(tmp_path / "sparse")) == used | {"aged.json"}
+        if onset == "none":  # smooth in time: few frames say it all
+            assert len(used) < 4 * 12
+
+    def test_what_does_not_change_is_written_once(self, paint: Path, tmp_path: Path):
+        report = run(
+            paint, tmp_path / "out", frames=5, size=16, temporal_model="constant", sparse=True
+        )
+        for name in PRINCIPLED:
+            assert report["files"][name] == [[[f"{name}_0001.exr", 1.0]]] * 5
+        assert len(contents(tmp_path / "out")) == 5
+
+
+class TestTemporalModels:
+    @pytest.mark.parametrize("rung", LADDER)
+    def test_each_can_be_asked_for(self, paint: Path, tmp_path: Path, rung: str):
+        report = run(paint, tmp_path / "out", frames=3, size=8, temporal_model=rung)
+        assert report["temporal_model"] == rung
+        base = frames_of(tmp_path / "out", "base_color", 3)
+        source = run(paint, tmp_path / "one", frames=1, size=8, temporal_model="constant")
+        assert source["frames"] == 1
+        np.testing.assert_array_equal(base[0], frames_of(tmp_path / "one", "base_color", 1)[0])
+        moved = float(np.abs(base[-1] - base[0]).mean())
+        assert moved == pytest.approx(0, abs=1e-3) if rung == "constant" else moved > 0.02
+
+    def test_a_foreign_material_is_noticed_and_gets_an_affine_change(self, tmp_path: Path):
+        """Albedos of 3: no material at all, so far from all that any model has seen."""
+        source = write_torrance_sparrow(tmp_path / "in", (3, 0, 3), (0, 3, 3), 0.9)
+        listener = Listener()
+        report = run(source, tmp_path / "out", listener, frames=3, onset="none")
+        assert report["temporal_model"] == "affine"
+        assert len(report["warnings"]) == 1
+        assert "100%" in report["warnings"][0]
+        assert listener.warnings == report["warnings"]
+        values = frames_of(tmp_path / "out", "kd", 3)
+        assert np.isfinite(values).all()
+        assert values.min() >= 0
+
+    def test_unless_a_model_was_chosen(self, tmp_path: Path):
+        source = write_torrance_sparrow(tmp_path / "in", (3, 0, 3), (0, 3, 3), 0.9)
+        for rung in ("lstm_parameters", "lstm_latents"):
+            report = run(source, tmp_path / "out", frames=2, onset="none", temporal_model=rung)
+            assert (report["temporal_model"], report["warnings"]) == (rung, [])
+            assert np.isfinite(frames_of(tmp_path / "out", "kd", 2)).all()
+
+
+@pytest.fixture(scope="module")
+def merl_file(place: Path) -> Path:
+    """Torrance-Sparrow of Kd .2 .1 .05, Ks .3 .2 .1, alpha .3 on MERL's grid, by numpy."""
+    th, td, pd = merl.grid_angles().numpy().transpose(3, 0, 1, 2)
+    apart = np.sin(td) * np.cos(pd) * np.sin(th)
+    cos_i, cos_o = np.cos(td) * np.cos(th) - apart, np.cos(td) * np.cos(th) + apart
+    seen = (cos_i > 0) & (cos_o > 0)
+    cos_i, cos_o = (np.where(seen, cos, 0.5) for cos in (cos_i, cos_o))
+    a2, tan2 = 0.3**2, np.tan(th) ** 2
+    lobe = a2 * (1 + tan2) ** 2 / (math.pi * (a2 + tan2) ** 2) / (4 * cos_i * cos_o)
+    for cos in (cos_i, cos_o):
+        lobe = lobe * 2 / (1 + np.sqrt(1 + a2 * (1 / cos**2 - 1)))
+    f = np.array((0.2, 0.1, 0.05)) / math.pi + lobe[..., None] * (0.3, 0.2, 0.1)
+    path = place / "made up.binary"
+    merl.write(path, np.where(seen[..., None], f, -1))
+    return path
+
+
+class TestMeasured:
+    def test_an_rgl_file(self, data_folder: Path, tmp_path: Path):
+        source = data_folder / "bsdf" / "ilm_l3_37_matte_rgb.bsdf"
+        report = run(source, tmp_path / "out", frames=4, onset="none")
+        assert (report["format"], report["size"]) == ("torrance-sparrow", [1, 1])
+        assert 0 < report["fit_error"] < 1
+        assert list(report["hashes"]["input"]) == [source.name]
+        kd = frames_of(tmp_path / "out", "kd", 4)[:, 0, 0]
+        assert (kd > 0.001).any()
+        assert np.abs(kd[-1] - kd[0]).max() > 0.01
+
+    @pytest.mark.parametrize("rung", ["auto", "lstm_latents"])
+    def test_a_merl_file_starts_as_what_was_measured(
+        self, merl_file: Path, tmp_path: Path, rung: str
+    ):
+        report = run(merl_file, tmp_path / "out", frames=3, onset="none", temporal_model=rung)
+        first = [frames_of(tmp_path / "out", name, 3)[0, 0, 0] for name in TORRANCE_SPARROW]
+        np.testing.assert_allclose(first[0], (0.2, 0.1, 0.05), rtol=0.01)
+        np.testing.assert_allclose(first[1], (0.3, 0.2, 0.1), rtol=0.02)
+        assert first[2] == pytest.approx(0.3, rel=0.01)
+        assert list(report["hashes"]["input"]) == ["made up.binary"]
+
+    def test_and_as_a_texture_where_it_is_to_spread(self, merl_file: Path, tmp_path: Path):
+        report = run(merl_file, tmp_path / "out", frames=2, size=24)
+        assert report["size"] == [24, 24]
