@@ -16,7 +16,10 @@ from .data.location import data_folder
 from .data.nbrdf import load
 from .data.sequences import MixtureSequence, Sequence
 
-__all__ = ("SourceHistories", "source_histories")
+__all__ = ("SAMPLES", "SourceHistories", "source_histories")
+
+SAMPLES = 128
+"""Directions a BRDF is encoded from, where the representation leaves the choice."""
 
 _MOST_TEXELS = 8192
 _CHUNK = 4096
@@ -55,7 +58,7 @@ def source_histories(
     states = _sampled(flat, seed)
     starts = np.zeros(states.shape[1]) if onset is None else _sampled(onset, seed)[0, :, 0]
     parameters, observed = align(torch.from_numpy(states), sequence.times, starts)
-    angles = representation.sample_angles(1024)
+    angles = representation.sample_angles(SAMPLES)
 
     def values(states: Tensor) -> Tensor:
         return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
@@ -112,7 +115,7 @@ def _mixture_histories(
         return lambda w: torch.lerp(pure[:1], pure[1:], w[..., None])
 
     share = torch.from_numpy(weights).float().transpose(0, 1).contiguous()
-    angles, wanted = representation.sample_angles(1024), fit_angles()
+    angles, wanted = representation.sample_angles(SAMPLES), fit_angles()
     latents = _encode(share, mixed(angles), representation, angles)
     values = mixed(wanted)
     fits = [

@@ -17,13 +17,14 @@ from model_runtime.histories import roll_out
 from model_runtime.package import read_card, save_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
+from model_runtime.representation.latents import inverse_log_transform
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 
 from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
-from .histories import SourceHistories, source_histories
+from .histories import SAMPLES, SourceHistories, source_histories
 
 __all__ = ("NTMConfig", "train_ntm")
 
@@ -72,18 +73,20 @@ def train_ntm(
     parameters = ParameterLSTM()
     parameters.standardise(train.parameters)
     latents = LatentLSTM(*representation.latent_sizes)
-    latents.standardise(train.latents)
+    faithful = representation.name == "paper"
+    if not faithful:
+        latents.standardise(train.latents)
     each = None if minutes is None else minutes / 2
     done: dict[str, Any] = {}
-    for name, model, states, kinds in (
+    for name, model, states, loss_of in (
         ("parameters", parameters, train.parameters, _parameter_loss),
-        ("latents", latents, train.latents, _latent_loss),
+        ("latents", latents, train.latents, _paper_loss if faithful else _latent_loss),
     ):
         done[name] = _train(
             model,
             states,
             train.observed,
-            kinds,
+            loss_of,
             config,
             checkpoint=output.with_suffix(f".{name}.checkpoint.safetensors"),
             log=output.with_suffix(".tensorboard") / name,
@@ -150,6 +153,14 @@ def _parameter_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor
     standard = (estimate - truth) / model.scale
     seen = estimate.clamp_min(1e-4).sqrt() - truth.clamp_min(1e-4).sqrt()
     return standard.square() + 30 * seen.square()
+
+
+def _paper_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:
+    """[B, T, D]: the paper's loss (section 3.2), colours compared after the inverse of l."""
+    colors = model.sizes[0]
+    seen = [inverse_log_transform(z[..., :colors].clamp_min(0)) for z in (estimate, truth)]
+    shared = estimate[..., colors:] - truth[..., colors:]
+    return torch.cat((seen[0] - seen[1], shared), -1).square()
 
 
 def _latent_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:
@@ -229,7 +240,7 @@ def _score(
 ) -> float:
     """Appearance PSNR in dB of held-out histories, anchored as ageing anchors them."""
     with torch.no_grad():
-        rolled = roll_out(test.parameters[:, 0], ntm, rung, representation, samples=1024)
+        rolled = roll_out(test.parameters[:, 0], ntm, rung, representation, samples=SAMPLES)
     initial = test.parameters[:, :1]
     anchored = rolled.states + ntm.affine.gain * (initial - rolled.states[:, :1])
     seen = test.observed.clone()
