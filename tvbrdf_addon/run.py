@@ -6,7 +6,6 @@ loading of another file, would leave it dangling.  It keeps session uids.
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Iterator
@@ -19,7 +18,6 @@ import bpy
 from . import output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
-from .material.revert import is_aged, revert
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
 
@@ -236,7 +234,12 @@ class Run:
         if scene is None or (obj is None and self.plan.object_uid is not None):
             raise RunEndedError("The object that shows the material was deleted.")
         reading = read(
-            material=self._material(), obj=obj, scene=scene, folder=folder, size=self.plan.size
+            material=self._material(),
+            obj=obj,
+            scene=scene,
+            folder=folder,
+            size=self.plan.size,
+            frame=self.plan.frame_start,
         )
         self.warnings.extend(reading.warnings)
         return reading
@@ -275,15 +278,14 @@ class Run:
 
         self.stage, self.fraction = "Building the nodes", 1.0
         material = self._material()
-        _require_whole(self.plan.folder)
-        if is_aged(material):
-            revert(material)
-        bind(
-            material=material,
-            reading=reading,
-            folder=self.plan.folder,
-            frame_start=self.plan.frame_start,
-            frame_end=self.plan.frame_end,
+        self.warnings.extend(
+            bind(
+                material=material,
+                reading=reading,
+                folder=self.plan.folder,
+                frame_start=self.plan.frame_start,
+                frame_end=self.plan.frame_end,
+            )
         )
         folder = str(self.plan.folder)
         material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder
@@ -300,26 +302,6 @@ class Run:
 
 def _by_uid(collection: Any, uid: int | None) -> Any:
     return next((block for block in collection if block.session_uid == uid), None)
-
-
-def _require_whole(folder: Path) -> None:
-    """Raise MaterialError before anything is touched where a stub or a full disk left holes."""
-    try:
-        aged = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
-        missing = [
-            name
-            for frames in aged["files"].values()
-            for name in frames
-            if isinstance(name, str) and not (folder / name).is_file()
-        ]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise MaterialError(
-            f"The result in {folder} cannot be read ({error}).", "Press Age Material again."
-        ) from error
-    if missing:
-        raise MaterialError(
-            f"The result in {folder} lacks {missing[0]}.", "Press Age Material again."
-        )
 
 
 def _near_file(folder: str) -> bool:
