@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 from json import dumps
+from math import isfinite
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from model_runtime.errors import TvbrdfError
+from model_runtime.errors import TvbrdfError, UsageError
 
 app = tyro.extras.SubcommandApp()
 
@@ -32,6 +33,8 @@ def encoder(
         seed: of all random numbers.
     """
     from .encoder import train_encoder
+
+    _check_minutes(minutes)
 
     train_encoder(config=config, output=output, resume=resume, minutes=minutes, seed=seed)
 
@@ -68,6 +71,8 @@ def ntm(
         seed: of all random numbers.
     """
     from .ntm import train_ntm
+
+    _check_minutes(minutes)
 
     card = {
         "name": name,
@@ -136,13 +141,20 @@ def evaluate(
         print(f"{what} {name:17}", *(f"{key} {scores[key]:6.2f}" for key in ("mean", "min", "p5")))
 
 
+def _check_minutes(minutes: float | None) -> None:
+    if minutes is not None and not (minutes > 0 and isfinite(minutes)):
+        raise UsageError(f"A training of {minutes:g} minutes makes no sense.", "Give a few.")
+
+
 def main() -> int:
-    """Run the command line; 0 when done, 1 when it failed with a reason."""
+    """Run the command line; 0 when done, 1 when it failed with a reason, 2 for wrong
+    usage.
+    """
     try:
         app.cli(prog="python -m training")
     except TvbrdfError as error:
         print(error, file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, UsageError) else 1
     return 0
 
 

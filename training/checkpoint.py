@@ -43,7 +43,10 @@ def save_checkpoint(
 def load_checkpoint(
     path: Path, *, model: nn.Module, optimizer: torch.optim.Adam, generator: torch.Generator
 ) -> dict[str, Any]:
-    """Restore what `save_checkpoint` wrote into the given objects and return its record."""
+    """Restore what `save_checkpoint` wrote into the given objects and return its record.
+
+    Raises ModelFileError for a file that is missing, damaged, or of another model.
+    """
     try:
         with safe_open(path, framework="pt") as stored:
             record = json.loads(stored.metadata()["record"])
@@ -53,9 +56,15 @@ def load_checkpoint(
             f"The checkpoint {path} cannot be read ({error}).",
             "Delete it and start the training without --resume.",
         ) from error
-    model.load_state_dict(
-        {name[6:]: value for name, value in tensors.items() if name.startswith("model.")}
-    )
+    try:
+        model.load_state_dict(
+            {name[6:]: value for name, value in tensors.items() if name.startswith("model.")}
+        )
+    except RuntimeError as error:
+        raise ModelFileError(
+            f"The checkpoint {path} belongs to another model.",
+            "Delete it and start the training without --resume.",
+        ) from error
     state = optimizer.state_dict()
     count = len(state["param_groups"][0]["params"])
     if "adam.0.step" in tensors:

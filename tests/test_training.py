@@ -1,0 +1,398 @@
+"""Training: a run that was killed ends as one that was not, and leaves a file that can be used.
+
+Recipes are cut down to a second. A clock that runs fast makes checkpoints frequent.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from safetensors import safe_open
+from safetensors.torch import load_file
+
+import training.__main__ as command
+from model_runtime.errors import InputError, ModelFileError
+from model_runtime.images import write_exr
+from model_runtime.maps import TorranceSparrowMaps
+from model_runtime.package import ENCODER, read_card
+from model_runtime.representation import load_representation
+from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from tests.ageing import run, write_torrance_sparrow
+from training import encoder, ntm
+from training.checkpoint import load_checkpoint, save_checkpoint
+from training.data import weathering
+from training.data.synthetic import s2
+from training.encoder import CONFIGS, train_encoder
+from training.ntm import NTMConfig, train_ntm
+
+ROOT = Path(__file__).resolve().parents[1]
+CARD = {
+    "name": "moss",
+    "title": "Moss",
+    "description": "Grows",
+    "process": "rust",
+    "source": "made up",
+    "license": "CC0-1.0",
+}
+TINY = NTMConfig(iterations=12, batch=32, warm_up=3)
+
+
+class Killed(BaseException):
+    """The end of the process: nothing catches it."""
+
+
+def fast_clock(step: float) -> SimpleNamespace:
+    """Every look at it is `step` seconds after the last."""
+    now = iter(range(10**9))
+    return SimpleNamespace(monotonic=lambda: next(now) * step)
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture
+def interrupted(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Calls something with checkpoints every three steps, killed before the n-th is written."""
+
+    def kill(module, at: int, task: Callable[[], object]) -> None:
+        count = iter(range(1, 10**9))
+
+        def save(*args, **keywords) -> None:
+            if next(count) == at:
+                raise Killed
+            save_checkpoint(*args, **keywords)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "time", fast_clock(21))
+            patch.setattr(module, "save_checkpoint", save)
+            with pytest.raises(Killed):
+                task()
+
+    return kill
+
+
+def small(name: str, **changes) -> encoder.EncoderConfig:
+    """A recipe of a second, otherwise as `name`."""
+    sizes = {"iterations": 14, "batch": 8, "targets": 16, "warm_up": 3}
+    if name == "paper":
+        sizes["samples"] = 12
+    return replace(CONFIGS[name], **sizes | changes)
+
+
+def equal(one: Path, other: Path) -> bool:
+    a, b = load_file(one), load_file(other)
+    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+
+class TestEncoder:
+    @pytest.mark.parametrize("name", ["fast", "paper"])
+    def test_killed_and_resumed_it_ends_as_it_would_have(
+        self, data_folder, tmp_path, monkeypatch, interrupted, name
+    ):
+        monkeypatch.setitem(CONFIGS, name, small(name))
+        whole, parts = tmp_path / "whole.safetensors", tmp_path / "parts.safetensors"
+        train_encoder(config=name, output=whole, seed=3)
+        for at in (2, 2):  # killed twice: a checkpoint further each time
+            interrupted(
+                encoder,
+                at,
+                lambda: train_encoder(config=name, output=parts, seed=3, resume=True),
+            )
+            assert not parts.exists()
+        torch.rand(5)  # whatever random numbers are drawn meanwhile
+        train_encoder(config=name, output=parts, seed=3, resume=True)
+        assert equal(whole, parts)
+
+    def test_the_file_is_an_encoder_with_a_card(self, data_folder, tmp_path, monkeypatch):
+        monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=2))
+        path = train_encoder(config="fast", output=tmp_path / "new" / "e.safetensors", seed=7)
+        model, identity = load_representation(path)
+        assert model.name == "lobes"
+        assert len(identity) == 16
+        card = read_card(path)
+        assert card.kind == "encoder"
+        assert card.trained["seed"] == 7
+        assert card.trained["iterations"] == 2
+        assert card.trained["config"]["batch"] == 8
+        assert {"alum-bronze", "steel"} <= set(card.trained["held_out"])
+        assert "MERL" in card.source
+
+    def test_seeds_matter_and_repeat(self, data_folder, tmp_path, monkeypatch):
+        monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=2))
+        one, same, other = (
+            train_encoder(config="fast", output=tmp_path / f"{k}.safetensors", seed=seed)
+            for k, seed in enumerate((1, 1, 2))
+        )
+        assert equal(one, same)
+        assert not equal(one, other)
+
+    def test_minutes_set_the_number_of_iterations(self, data_folder, tmp_path, monkeypatch):
+        monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=10**6))
+        path = train_encoder(config="fast", output=tmp_path / "e.safetensors", minutes=1e-3)
+        assert 1 <= read_card(path).trained["iterations"] < 10_000
+
+    def test_without_resume_it_starts_again(self, data_folder, tmp_path, monkeypatch):
+        monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=2))
+        path = train_encoder(config="fast", output=tmp_path / "e.safetensors", seed=1)
+        train_encoder(config="fast", output=path, seed=2)
+        fresh = train_encoder(config="fast", output=tmp_path / "f.safetensors", seed=2)
+        assert equal(path, fresh)
+
+    def test_a_damaged_checkpoint_is_a_sentence(self, data_folder, tmp_path, monkeypatch):
+        monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=2))
+        (tmp_path / "e.checkpoint.safetensors").write_bytes(b"rubbish")
+        with pytest.raises(ModelFileError, match="cannot be read") as error:
+            train_encoder(config="fast", output=tmp_path / "e.safetensors", resume=True)
+        assert "without --resume" in error.value.hint
+
+    def test_so_is_another_recipe_s(self, data_folder, tmp_path, monkeypatch):
+        for name in ("fast", "paper"):
+            monkeypatch.setitem(CONFIGS, name, small(name, iterations=2))
+        train_encoder(config="paper", output=tmp_path / "e.safetensors")
+        with pytest.raises(ModelFileError, match="checkpoint"):
+            train_encoder(config="fast", output=tmp_path / "e.safetensors", resume=True)
+
+    @pytest.mark.slow
+    def test_killed_by_the_system(self, data_folder, tmp_path, monkeypatch):
+        """kill -9 at whatever moment: the checkpoint is whole and the end is the same."""
+        recipe = small("fast", iterations=60)
+        monkeypatch.setitem(CONFIGS, "fast", recipe)
+        code = (
+            "import sys, torch\n"
+            "from pathlib import Path\n"
+            "from dataclasses import replace\n"
+            "from tests.test_training import fast_clock, small\n"
+            "from training import encoder\n"
+            "torch.set_num_threads(1)\n"
+            "encoder.time = fast_clock(61)\n"
+            "encoder.CONFIGS['fast'] = small('fast', iterations=60)\n"
+            "encoder.train_encoder(config='fast', output=Path(sys.argv[1]), seed=5)\n"
+        )
+        output = tmp_path / "killed.safetensors"
+        checkpoint = tmp_path / "killed.checkpoint.safetensors"
+        child = subprocess.Popen(
+            [sys.executable, "-c", code, str(output)], cwd=ROOT, stderr=subprocess.DEVNULL
+        )
+        try:
+            deadline = time.monotonic() + 120
+            while not checkpoint.exists() and time.monotonic() < deadline:
+                time.sleep(0.02)
+            time.sleep(0.3)
+        finally:
+            os.kill(child.pid, signal.SIGKILL)
+            child.wait()
+        with safe_open(checkpoint, framework="pt") as stored:
+            step = json.loads(stored.metadata()["record"])["step"]
+        assert step >= 1
+        train_encoder(config="fast", output=output, seed=5, resume=True)
+        whole = train_encoder(config="fast", output=tmp_path / "whole.safetensors", seed=5)
+        assert equal(whole, output)
+
+
+@pytest.fixture(scope="module")
+def rusting(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sequences") / "rust"
+    weathering.write("rust", folder, size=24, frames=6)
+    return folder
+
+
+def train(sequence: Path, output: Path, **options) -> Path:
+    options = {"config": TINY, "card": CARD, "encoder": ENCODER} | options
+    return train_ntm(sequence=sequence, output=output, **options)
+
+
+class TestNTM:
+    def test_the_file_carries_the_contract_s_card_and_can_be_used(self, rusting, tmp_path):
+        path = train(rusting, tmp_path / "new folder" / "moss.safetensors", seed=4)
+        card = read_card(path)
+        contract = "format version name title description process frames representation domain"
+        for name in (*contract.split(), "source", "license", "trained"):
+            assert name in card.details, name
+        for name in ("name", "title", "description", "process", "license"):
+            assert card.details[name] == CARD[name]
+        assert CARD["source"] in card.source
+        assert card.frames == 6
+        assert card.representation == load_representation()[1]
+        assert card.domain["radius"] > 0
+        assert card.trained["seed"] == 4
+        assert set(card.details["ladder"]) == set(LADDER)
+
+        model = NeuralTemporalModel.load(path, card.representation)
+        assert model.chosen in LADDER
+        first = weathering.generate("rust", size=24, frames=6)
+        kd, ks, alpha = first.kd[0], first.ks[0], first.alpha[0]
+        flat = np.concatenate((kd, ks, alpha[..., None]), -1).reshape(-1, 7)
+        assert float(model.domain.outside(torch.from_numpy(flat)).float().mean()) < 0.05
+
+        source = write_torrance_sparrow(tmp_path / "steel", size=4)
+        report = run(source, tmp_path / "out", ntm=str(path), frames=3)
+        assert report["ntm"] == "moss"
+
+    def test_killed_and_resumed_it_ends_as_it_would_have(self, rusting, tmp_path, interrupted):
+        whole = train(rusting, tmp_path / "whole.safetensors", seed=2)
+        output = tmp_path / "parts.safetensors"
+        for at in (2, 3, 4):  # in the first LSTM, then in the second
+            interrupted(ntm, at, lambda: train(rusting, output, seed=2, resume=True))
+            assert not output.exists()
+        train(rusting, output, seed=2, resume=True)
+        assert equal(whole, output)
+
+    def test_a_damaged_checkpoint_is_a_sentence(self, rusting, tmp_path):
+        (tmp_path / "moss.parameters.checkpoint.safetensors").write_bytes(bytes(100))
+        with pytest.raises(ModelFileError, match="cannot be read"):
+            train(rusting, tmp_path / "moss.safetensors", resume=True)
+
+    def test_what_is_affine_gets_the_affine_model(self, tmp_path):
+        """The simplest model that suffices is chosen, and the card says how the others did."""
+        rng = np.random.default_rng(0)
+        kd, ks = rng.uniform(0.2, 0.6, (2, 12, 12, 3)).astype(np.float32)
+        alpha = rng.uniform(0.1, 0.3, (12, 12)).astype(np.float32)
+        sequence = s2(TorranceSparrowMaps(kd, ks + 0.2, alpha), 0.4, frames=5)
+        write_sequence(tmp_path / "s2", sequence.kd, sequence.ks, sequence.alpha)
+        path = train(tmp_path / "s2", tmp_path / "moss.safetensors")
+        card = read_card(path)
+        assert card.details["temporal_model"] == "affine"
+        assert card.details["ladder"]["affine"] > 45
+        assert card.details["ladder"]["constant"] < 45
+
+    def test_what_stays_gets_the_constant(self, tmp_path):
+        rng = np.random.default_rng(0)
+        kd, ks = rng.uniform(0.2, 0.6, (2, 12, 12, 3)).astype(np.float32)
+        still = [np.repeat(m[None], 4, 0) for m in (kd, ks, np.full((12, 12), 0.2, np.float32))]
+        write_sequence(tmp_path / "still", *still)
+        path = train(tmp_path / "still", tmp_path / "moss.safetensors")
+        assert read_card(path).details["temporal_model"] == "constant"
+
+    def test_a_folder_without_a_sequence(self, tmp_path):
+        with pytest.raises(InputError, match="holds no sequence"):
+            train(tmp_path, tmp_path / "moss.safetensors")
+
+    def test_a_missing_encoder(self, rusting, tmp_path):
+        with pytest.raises(ModelFileError, match="no model file"):
+            train(rusting, tmp_path / "moss.safetensors", encoder=tmp_path / "none.safetensors")
+
+
+def write_sequence(folder: Path, kd: np.ndarray, ks: np.ndarray, alpha: np.ndarray) -> None:
+    folder.mkdir()
+    for name, maps in (("kd", kd), ("ks", ks), ("alpha", alpha)):
+        for k, pixels in enumerate(maps, start=1):
+            write_exr(folder / f"{name}_{k:04d}.exr", np.ascontiguousarray(pixels))
+
+
+class TestCheckpoint:
+    @staticmethod
+    def parts():
+        torch.manual_seed(0)
+        model = torch.nn.Linear(3, 2)
+        return model, torch.optim.Adam(model.parameters()), torch.Generator().manual_seed(1)
+
+    def test_everything_comes_back(self, tmp_path):
+        model, optimizer, g = self.parts()
+        for _ in range(3):
+            optimizer.zero_grad()
+            model(torch.rand(4, 3, generator=g)).square().sum().backward()
+            optimizer.step()
+        path = tmp_path / "new" / "c.safetensors"
+        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"step": 3})
+        expected = torch.rand(2, generator=g)
+        other, adam, h = self.parts()
+        record = load_checkpoint(path, model=other, optimizer=adam, generator=h)
+        assert record == {"step": 3}
+        assert torch.equal(other.weight, model.weight)
+        one, two = (o.state_dict()["state"][0] for o in (optimizer, adam))
+        assert all(torch.equal(one[key], two[key]) for key in ("exp_avg", "exp_avg_sq", "step"))
+        assert torch.equal(torch.rand(2, generator=h), expected)
+        assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+    def test_before_the_first_step(self, tmp_path):
+        model, optimizer, g = self.parts()
+        path = tmp_path / "c.safetensors"
+        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={})
+        assert load_checkpoint(path, model=model, optimizer=optimizer, generator=g) == {}
+
+    @pytest.mark.parametrize("damage", ["missing", "cut", "other shapes", "a model file"])
+    def test_damage_is_a_sentence(self, tmp_path, damage: str):
+        model, optimizer, g = self.parts()
+        path = tmp_path / "c.safetensors"
+        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={})
+        if damage == "missing":
+            path.unlink()
+        elif damage == "cut":
+            path.write_bytes(path.read_bytes()[:-5])
+        elif damage == "other shapes":
+            model = torch.nn.Linear(3, 5)
+        else:
+            path.write_bytes(ENCODER.read_bytes())
+        with pytest.raises(ModelFileError, match=r"c\.safetensors") as error:
+            load_checkpoint(path, model=model, optimizer=optimizer, generator=g)
+        assert "--resume" in error.value.hint
+
+
+class TestCommand:
+    def call(self, monkeypatch: pytest.MonkeyPatch, *words: str | Path) -> int | str | None:
+        monkeypatch.setattr(sys, "argv", ["training", *map(str, words)])
+        try:
+            return command.main()
+        except SystemExit as ended:
+            return ended.code
+
+    @pytest.mark.parametrize(
+        "words",
+        [
+            ["encoder"],
+            ["encoder", "--output", "x", "--config", "huge"],
+            ["encoder", "--output", "x", "--minutes", "many"],
+            ["ntm", "--sequence", "x", "--output", "y"],
+            ["sing"],
+            ["evaluate", "everything", "--output", "x"],
+        ],
+        ids=" ".join,
+    )
+    def test_wrong_usage_is_exit_code_2(self, monkeypatch, tmp_path, capsys, words):
+        monkeypatch.chdir(tmp_path)
+        assert self.call(monkeypatch, *words) == 2
+        assert list(tmp_path.iterdir()) == []
+
+    def test_a_failure_is_one_sentence_and_exit_code_1(self, monkeypatch, tmp_path, capsys):
+        words = ["ntm", "--sequence", tmp_path / "none", "--encoder", ENCODER, "--name", "moss"]
+        code = self.call(monkeypatch, *words, "--output", tmp_path / "moss.safetensors")
+        assert code == 1
+        said = capsys.readouterr().err
+        assert "There is no folder" in said
+        assert "Traceback" not in said
+
+    def test_a_missing_data_folder(self, monkeypatch, tmp_path, capsys):
+        monkeypatch.setenv("TVBRDF_DATA", str(tmp_path / "none"))
+        code = self.call(monkeypatch, "encoder", "--output", tmp_path / "e.safetensors")
+        assert code == 1
+        assert "TVBRDF_DATA" in capsys.readouterr().err
+
+    @pytest.mark.parametrize("minutes", ["0", "-1", "nan", "inf"])
+    def test_no_time_is_no_training(self, monkeypatch, tmp_path, capsys, minutes: str):
+        code = self.call(
+            monkeypatch, "encoder", "--output", tmp_path / "e.safetensors", "--minutes", minutes
+        )
+        assert code == 2
+        assert "minutes" in capsys.readouterr().err
+
+    def test_weathering_writes_a_sequence(self, monkeypatch, tmp_path):
+        words = ["weathering", "rust", "--output", tmp_path / "s", "--size", "8", "--frames", "3"]
+        assert self.call(monkeypatch, *words) == 0
+        assert len(list((tmp_path / "s").glob("kd_*.exr"))) == 3
