@@ -12,6 +12,8 @@ import tyro
 
 from model_runtime.errors import TvbrdfError, UsageError
 
+_COLUMNS = ("mean", "min", "p5", "n")
+
 app = tyro.extras.SubcommandApp()
 
 
@@ -137,13 +139,9 @@ def evaluate(
     if json:
         print(dumps(report, indent=1))
         return
+    print("| set | mean dB | worst | 5 % | materials |\n|---|---|---|---|---|")
     for name, scores in report["methods"]["ours"]["sets"].items():
-        print(f"{what} {name:17}", *(f"{key} {scores[key]:6.2f}" for key in ("mean", "min", "p5")))
-
-
-def _check_minutes(minutes: float | None) -> None:
-    if minutes is not None and not (minutes > 0 and isfinite(minutes)):
-        raise UsageError(f"A training of {minutes:g} minutes makes no sense.", "Give a few.")
+        print("|", name, "|", " | ".join(f"{scores[key]:g}" for key in _COLUMNS), "|")
 
 
 def main() -> int:
