@@ -144,6 +144,11 @@ def evaluate(
         print("|", name, "|", " | ".join(f"{scores[key]:g}" for key in _COLUMNS), "|")
 
 
+def _check_minutes(minutes: float | None) -> None:
+    if minutes is not None and not (minutes > 0 and isfinite(minutes)):
+        raise UsageError(f"A training of {minutes:g} minutes makes no sense.", "Give a few.")
+
+
 def main() -> int:
     """Run the command line; 0 when done, 1 when it failed with a reason, 2 for wrong
     usage.
