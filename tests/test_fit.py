@@ -20,6 +20,15 @@ ALPHAS = st.floats(math.log(1e-4), 0).map(math.exp)
 LEAST = float(np.float32(1e-4))
 
 
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Many small steps: a second thread only slows them down."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
 def reflectance(kd: ArrayLike, ks: ArrayLike, alpha: ArrayLike, angles: torch.Tensor) -> np.ndarray:
     """f of DESIGN.md for kd, ks [N, 3], alpha [N]: float64 [N, M, 3], in numpy."""
     kd, ks = (np.atleast_2d(np.asarray(x, float)) for x in (kd, ks))
@@ -194,15 +203,7 @@ def test_the_fit_is_at_least_as_good_as_the_best_of_a_scan():
         assert float(found.error[k]) <= best * 1.001
 
 
-@pytest.fixture
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-def test_batches_and_threads_change_nothing(one_thread: None):
+def test_batches_and_threads_change_nothing():
     f = other_brdfs(24)
     whole = fit_torrance_sparrow(f).parameters()
     parts = torch.cat([fit_torrance_sparrow(part).parameters() for part in f.split(7)])

@@ -56,9 +56,10 @@ def lobes(request: pytest.FixtureRequest, models):
         yield models[request.param]
 
 
-@pytest.fixture
-def threads() -> Iterator[None]:
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
     before = torch.get_num_threads()
+    torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
 
@@ -176,10 +177,9 @@ def test_what_a_measurement_may_hold_can_be_encoded(model):
     assert bool(torch.isfinite(model.decode(latents, visible())).all())
 
 
-def test_batches_and_threads_change_nothing(model, threads: None):
+def test_batches_and_threads_change_nothing(model):
     angles = model.sample_angles(257)
     f = materials(angles, n=30)
-    torch.set_num_threads(1)
     whole = model.encode(angles, f)
     out = model.decode(whole, visible())
     parts = [model.encode(angles, part) for part in f.split(5)]
