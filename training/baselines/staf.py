@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Chebyshev
-from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from model_runtime.errors import InputError
@@ -36,8 +35,8 @@ _MOST_TEXELS = 1024
 _MOST_STARTS = 64
 _ROUNDS = 60
 _STEPS = 15
-_RATES = (0.25, 4.0)
-_OFFSETS = (-1.0, 1.0)
+_BOUNDS = ((0.25, -1.0), (4.0, 1.0))
+_STILL = 1e-6
 _TINY = 1e-15
 
 
@@ -60,9 +59,8 @@ class Factors:
         D = start - A phi(-O). A texel takes A, R and O of the source texel at its place, the source
         being repeated over a larger target.
         """
-        place = np.ix_(
-            *(np.arange(n) % m for n, m in zip(start.shape, self.rate.shape, strict=True))
-        )
+        rows, columns = (np.arange(start.shape[i]) % self.rate.shape[i] for i in (0, 1))
+        place = np.ix_(rows, columns)
         amplitude, rate, offset = (m[place] for m in (self.amplitude, self.rate, self.offset))
         base = start - amplitude * self.phi(-offset)
         return np.stack([amplitude * self.phi(rate * t - offset) + base for t in times])
@@ -70,41 +68,36 @@ class Factors:
 
 @dataclass(frozen=True)
 class STAFModel:
-    """A factorised source: Kd in red, green and blue, Ks likewise, alpha; and the source's name."""
+    """A factorised source, and its name.
 
-    kd: tuple[Factors, Factors, Factors]
-    ks: tuple[Factors, Factors, Factors]
-    alpha: Factors
+    parameters: the factors of Kd in red, green and blue, of Ks likewise, and of alpha
+    """
+
+    parameters: tuple[Factors, ...]
     name: str
 
     def synthesize(self, target: TorranceSparrowMaps, times: NDArray[np.floating]) -> Sequence:
         """The target's history at `times` [T], in the source's time, unclamped.
 
-        At t = 0 it is the target. The change added to it is the source's at the same place, whatever
-        the target shows there: how STAF loses spatial consistency.
+        At t = 0 it is the target. The change added to it is that of the source at the same place,
+        whatever the target shows there: how STAF loses spatial consistency.
         """
         clock = np.asarray(times, np.float64)
-
-        def color(channels: tuple[Factors, ...], start: NDArray[np.float32]) -> NDArray[np.float32]:
-            histories = [f.history(start[..., c], clock) for c, f in enumerate(channels)]
-            return np.stack(histories, -1).astype(np.float32)
-
-        return Sequence(
-            kd=color(self.kd, target.kd),
-            ks=color(self.ks, target.ks),
-            alpha=self.alpha.history(target.alpha, clock).astype(np.float32),
-            times=clock.astype(np.float32),
-            onset=None,
-            name=f"{self.name}_staf",
-        )
+        starts = (*np.moveaxis(target.kd, -1, 0), *np.moveaxis(target.ks, -1, 0), target.alpha)
+        histories = [
+            factors.history(start, clock).astype(np.float32)
+            for factors, start in zip(self.parameters, starts, strict=True)
+        ]
+        kd, ks, alpha = np.stack(histories[:3], -1), np.stack(histories[3:6], -1), histories[6]
+        return Sequence(kd, ks, alpha, clock.astype(np.float32), None, f"{self.name}_staf")
 
 
 def fit(source: Sequence) -> STAFModel:
     """The factors of `source`, from its frames as they are.
 
-    phi comes from at most 1,024 texels that change, evenly spaced in row order: alternately, A, D, R
+    phi comes from at most 1,024 texels that change, evenly spaced in row order: alternately A, D, R
     and O of every texel given phi, and phi given them, by least squares in which texels that fit
-    badly count little. Then A, R and O of all texels given phi.
+    badly count less. Then A, R and O of all texels given phi.
 
     Raises `InputError` for a source with fewer than four frames.
     """
@@ -115,28 +108,24 @@ def fit(source: Sequence) -> STAFModel:
             "Give it at least four.",
         )
     times = source.times.astype(np.float64)
-
-    def color(maps: NDArray[np.float32]) -> tuple[Factors, Factors, Factors]:
-        red, green, blue = (_factors(maps[..., c], times) for c in range(3))
-        return red, green, blue
-
-    return STAFModel(color(source.kd), color(source.ks), _factors(source.alpha, times), source.name)
+    maps = (*np.moveaxis(source.kd, -1, 0), *np.moveaxis(source.ks, -1, 0), source.alpha)
+    return STAFModel(tuple(_factors(m, times) for m in maps), source.name)
 
 
 def _factors(maps: NDArray[np.float32], times: Doubles) -> Factors:
     """The factors of one parameter's maps [T, H, W]."""
-    size = maps.shape[1:]
     histories = maps.reshape(len(times), -1).T.astype(np.float64)
-    change = histories - histories.mean(1, keepdims=True)
-    moving = np.linalg.norm(change, axis=1) > 1e-6 * np.linalg.norm(histories, axis=1)
-    amplitude, timing = np.zeros(len(change)), np.tile((1.0, 0.0), (len(change), 1))
+    change = _centred(histories)
+    moving = np.linalg.norm(change, axis=1) > _STILL * np.linalg.norm(histories, axis=1)
     phi = Chebyshev((0.5, 0.5), (0, 1))
+    amplitude, timing = np.zeros(len(change)), np.tile((1.0, 0.0), (len(change), 1))
     if moving.any():
-        phi, starts = _curve_and_timings(_spread(change[moving], _MOST_TEXELS), times)
-        found = _best_of(_spread(starts, _MOST_STARTS), phi, change[moving], times)
-        timing[moving] = _refined(found, phi, change[moving], times, _STEPS)
-        amplitude[moving], _ = _projected(phi(_warped(timing[moving], times)), change[moving])
-    return Factors(phi, *(m.reshape(size) for m in (amplitude, *timing.T)))
+        change = change[moving]
+        phi, starts = _curve_and_timings(_spread(change, _MOST_TEXELS), times)
+        found = _best_of(_spread(starts, _MOST_STARTS), timing[moving], phi, change, times)
+        timing[moving] = _refined(found, phi, change, times, _STEPS)
+        amplitude[moving], _ = _projected(phi(_warped(timing[moving], times)), change)
+    return Factors(phi, *(m.reshape(maps.shape[1:]) for m in (amplitude, *timing.T)))
 
 
 def _curve_and_timings(change: Doubles, times: Doubles) -> tuple[Chebyshev, Doubles]:
@@ -146,13 +135,14 @@ def _curve_and_timings(change: Doubles, times: Doubles) -> tuple[Chebyshev, Doub
     """
     degree = min(_DEGREE, len(times) - 1)
     size = np.linalg.norm(change, axis=1)
-    _, common = np.linalg.eigh((change / size[:, None]).T @ (change / size[:, None]))
+    unit = change / size[:, None]
+    _, common = np.linalg.eigh(unit.T @ unit)
     phi = Chebyshev.fit(times, common[:, -1], degree)
     timing = np.tile((1.0, 0.0), (len(change), 1))
     last = np.inf
     for _ in range(_ROUNDS):
         phi, timing = _normalised(phi, timing)
-        timing = _best_of(_spread(timing, _MOST_STARTS), phi, change, times, timing)
+        timing = _best_of(_spread(timing, _MOST_STARTS), timing, phi, change, times)
         timing = _refined(timing, phi, change, times, 3)
         warped = _warped(timing, times)
         amplitude, residual = _projected(phi(warped), change)
@@ -171,7 +161,8 @@ def _curve_and_timings(change: Doubles, times: Doubles) -> tuple[Chebyshev, Doub
 def _curve(warped: Doubles, amplitude: Doubles, change: Doubles, degree: int) -> Chebyshev:
     """The phi with least sum of (A phi(t') - mean over t - change)^2, t' = `warped` [N, T]."""
     low, high = warped.min(), warped.max()
-    basis = chebvander((2 * warped - low - high) / (high - low), degree)[..., 1:]
+    x = (2 * warped - low - high) / (high - low)
+    basis = np.polynomial.chebyshev.chebvander(x, degree)[..., 1:]  # all but D's constant
     basis = (basis - basis.mean(1, keepdims=True)) * amplitude[:, None, None]
     coefficients, *_ = np.linalg.lstsq(basis.reshape(-1, degree), change.reshape(-1), rcond=None)
     return Chebyshev((0, *coefficients), (low, high))
@@ -190,29 +181,23 @@ def _normalised(phi: Chebyshev, timing: Doubles) -> tuple[Chebyshev, Doubles]:
 
 
 def _best_of(
-    starts: Doubles, phi: Chebyshev, change: Doubles, times: Doubles, timing: Doubles | None = None
+    starts: Doubles, timing: Doubles, phi: Chebyshev, change: Doubles, times: Doubles
 ) -> Doubles:
-    """For each texel of `change` [N, T] the best of the timings `starts` [K, 2]: [N, 2].
-
-    With `timing` [N, 2], only texels for which it is better than that.
-    """
+    """The timings [N, 2], each replaced by the best of `starts` [K, 2] where that fits better."""
     curves = _centred(phi(_warped(starts, times)))
-    curves = curves / (np.linalg.norm(curves, axis=1, keepdims=True) + _TINY)
-    score = np.abs(change @ curves.T)  # [N, K], the length of change along each curve
-    best = starts[score.argmax(1)]
-    if timing is None:
-        return best
+    curves /= np.linalg.norm(curves, axis=1, keepdims=True) + _TINY
+    along = np.abs(change @ curves.T)  # [N, K], how much of the change a curve can take up
     _, residual = _projected(phi(_warped(timing, times)), change)
-    own = _dot(change, change) - _dot(residual, residual)
-    return np.where((np.square(score.max(1)) > own)[:, None], best, timing)
+    better = np.square(along.max(1)) > _dot(change, change) - _dot(residual, residual)
+    return np.where(better[:, None], starts[along.argmax(1)], timing)
 
 
 def _refined(
     timing: Doubles, phi: Chebyshev, change: Doubles, times: Doubles, steps: int
 ) -> Doubles:
-    """(R, O) after some Levenberg-Marquardt steps, with A and D at their best for each R and O.
+    """(R, O) after some Levenberg-Marquardt steps, A and D being at their best for each R and O.
 
-    Steps that do not help are not taken. Where the curve says nothing of R or O they stay.
+    Steps that do not help are not taken; where the curve says nothing of R or O they stay.
     """
     slope = phi.deriv()
     damping = np.full(len(change), 1e-3)
@@ -221,22 +206,19 @@ def _refined(
         curve = _centred(phi(warped))
         amplitude, residual = _projected(curve, change)
         towards = amplitude[:, None] * slope(warped)
-        by_rate, by_offset = (
-            _projected(curve, _centred(d))[1] for d in (towards * times, -towards)
-        )
-        rr, ro, oo = (
-            (a * b).sum(1)
-            for a, b in ((by_rate, by_rate), (by_rate, by_offset), (by_offset, by_offset))
-        )
-        r, o = (by_rate * residual).sum(1), (by_offset * residual).sum(1)
+        # What A and D can take up of a change of R or O is not R's or O's to explain.
+        _, by_rate = _projected(curve, _centred(towards * times))
+        _, by_offset = _projected(curve, _centred(-towards))
+        rr, ro, oo = _dot(by_rate, by_rate), _dot(by_rate, by_offset), _dot(by_offset, by_offset)
+        r, o = _dot(by_rate, residual), _dot(by_offset, residual)
         held = damping * (rr + oo) + _TINY
         rr, oo = rr + held, oo + held
         step = np.stack((oo * r - ro * o, rr * o - ro * r), -1) / (rr * oo - ro**2)[:, None]
-        tried = np.clip(timing + step, *np.transpose((_RATES, _OFFSETS)))
+        tried = np.clip(timing + step, *_BOUNDS)
         _, left = _projected(phi(_warped(tried, times)), change)
         better = _dot(left, left) < _dot(residual, residual)
         timing = np.where(better[:, None], tried, timing)
-        damping = np.clip(np.where(better, damping / 4, damping * 8), 1e-8, 1e8)
+        damping *= np.where(better, 0.25, 8)
     return timing
 
 

@@ -51,7 +51,7 @@ class STTModel:
     name: str
 
     def match(self, target: TorranceSparrowMaps) -> NDArray[np.intp]:
-        """The source texel (its index in row order) whose patch is nearest to each target's: [H, W].
+        """The source texel (index in row order) with the patch nearest to a target texel's: [H, W].
 
         Patches are compared by the Euclidean distance of their histogram-equalised luminance. The
         match may be up to twice as far as the nearest patch (on average it is 0.1 to 0.7 % farther,
