@@ -31,7 +31,7 @@ __all__ = ("PACE", "fractal_noise", "onset_map", "rate_map")
 
 Array = NDArray[np.float32]
 
-PACE = ((0.0, 0.025), (0.10, 0.055), (0.30, 0.11), (0.72, 0.76), (1.0, 0.95))
+PACE = ((0.0, 0.02), (0.06, 0.04), (0.30, 0.12), (0.76, 0.76), (1.0, 0.91))
 """(share of texels, time by which that share has started): a quick start, so that the first quarter
 of the timeline already shows spots, a steady border in between, and a remnant that turns last."""
 
@@ -110,7 +110,7 @@ def rate_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool 
     noise = fractal_noise(
         source.rng("rate"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
     )
-    return np.exp(-growth.mottling * np.clip(1 + noise, 0, 3), dtype=np.float32)
+    return np.exp(-growth.mottling * np.clip(0.6 + noise, 0, 2), dtype=np.float32)
 
 
 @dataclass(frozen=True)

@@ -122,10 +122,7 @@ def test_the_course_notes(settings: Settings):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_single_precision_agrees_with_double(name: str, request: pytest.FixtureRequest):
-    if name == "clearcoat":
-        reason = "1 + (a^2 - 1) cos^2 in single precision is 1.3 % off at alpha 0.001"
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+def test_single_precision_agrees_with_double(name: str):
     settings, angles = CASES[name], pairs()
     wide = evaluate(settings.tensors(), angles)
     single = evaluate(settings.tensors(torch.float32), angles.float())

@@ -23,7 +23,7 @@ from safetensors import safe_open
 from safetensors.torch import load_file
 
 import training.__main__ as command
-from model_runtime.errors import InputError, ModelFileError
+from model_runtime.errors import InputError, ModelFileError, UsageError
 from model_runtime.images import write_exr
 from model_runtime.maps import TorranceSparrowMaps
 from model_runtime.package import ENCODER, read_card
@@ -47,6 +47,7 @@ CARD = {
     "license": "CC0-1.0",
 }
 TINY = NTMConfig(iterations=12, batch=32, warm_up=3)
+RUN = {"seed": 0}
 
 
 class Killed(BaseException):
@@ -166,8 +167,14 @@ class TestEncoder:
         for name in ("fast", "paper"):
             monkeypatch.setitem(CONFIGS, name, small(name, iterations=2))
         train_encoder(config="paper", output=tmp_path / "e.safetensors")
-        with pytest.raises(ModelFileError, match="checkpoint"):
+        with pytest.raises(UsageError, match="other settings"):
             train_encoder(config="fast", output=tmp_path / "e.safetensors", resume=True)
+
+    def test_so_is_another_seed_s(self, data_folder, tmp_path, monkeypatch):
+        monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=2))
+        train_encoder(config="fast", output=tmp_path / "e.safetensors", seed=1)
+        with pytest.raises(UsageError, match="other settings"):
+            train_encoder(config="fast", output=tmp_path / "e.safetensors", resume=True, seed=2)
 
     @pytest.mark.slow
     def test_killed_by_the_system(self, data_folder, tmp_path, monkeypatch):
@@ -310,11 +317,13 @@ class TestCheckpoint:
             model(torch.rand(4, 3, generator=g)).square().sum().backward()
             optimizer.step()
         path = tmp_path / "new" / "c.safetensors"
-        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"step": 3})
+        save_checkpoint(
+            path, model=model, optimizer=optimizer, generator=g, record={"step": 3, "run": RUN}
+        )
         expected = torch.rand(2, generator=g)
         other, adam, h = self.parts()
-        record = load_checkpoint(path, model=other, optimizer=adam, generator=h)
-        assert record == {"step": 3}
+        record = load_checkpoint(path, model=other, optimizer=adam, generator=h, run=RUN)
+        assert record == {"step": 3, "run": RUN}
         assert torch.equal(other.weight, model.weight)
         one, two = (o.state_dict()["state"][0] for o in (optimizer, adam))
         assert all(torch.equal(one[key], two[key]) for key in ("exp_avg", "exp_avg_sq", "step"))
@@ -324,14 +333,15 @@ class TestCheckpoint:
     def test_before_the_first_step(self, tmp_path):
         model, optimizer, g = self.parts()
         path = tmp_path / "c.safetensors"
-        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={})
-        assert load_checkpoint(path, model=model, optimizer=optimizer, generator=g) == {}
+        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"run": RUN})
+        record = load_checkpoint(path, model=model, optimizer=optimizer, generator=g, run=RUN)
+        assert record == {"run": RUN}
 
     @pytest.mark.parametrize("damage", ["missing", "cut", "other shapes", "a model file"])
     def test_damage_is_a_sentence(self, tmp_path, damage: str):
         model, optimizer, g = self.parts()
         path = tmp_path / "c.safetensors"
-        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={})
+        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"run": RUN})
         if damage == "missing":
             path.unlink()
         elif damage == "cut":
@@ -341,7 +351,7 @@ class TestCheckpoint:
         else:
             path.write_bytes(ENCODER.read_bytes())
         with pytest.raises(ModelFileError, match=r"c\.safetensors") as error:
-            load_checkpoint(path, model=model, optimizer=optimizer, generator=g)
+            load_checkpoint(path, model=model, optimizer=optimizer, generator=g, run=RUN)
         assert "--resume" in error.value.hint
 
 

@@ -13,7 +13,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from model_runtime.errors import ModelFileError
+from model_runtime.errors import ModelFileError, UsageError
 
 __all__ = ("load_checkpoint", "save_checkpoint")
 
@@ -41,11 +41,18 @@ def save_checkpoint(
 
 
 def load_checkpoint(
-    path: Path, *, model: nn.Module, optimizer: torch.optim.Adam, generator: torch.Generator
+    path: Path,
+    *,
+    model: nn.Module,
+    optimizer: torch.optim.Adam,
+    generator: torch.Generator,
+    run: dict[str, Any],
 ) -> dict[str, Any]:
     """Restore what `save_checkpoint` wrote into the given objects and return its record.
 
-    Raises ModelFileError for a file that is missing, damaged, or of another model.
+    `run` (JSON: seed, config, data) must equal the record's own, so that no run silently goes on
+    with other settings. Raises UsageError where it does not, ModelFileError for a file that is
+    missing, damaged, or of another model.
     """
     try:
         with safe_open(path, framework="pt") as stored:
@@ -56,6 +63,11 @@ def load_checkpoint(
             f"The checkpoint {path} cannot be read ({error}).",
             "Delete it and start the training without --resume.",
         ) from error
+    if record.get("run") != run:
+        raise UsageError(
+            f"The checkpoint {path} belongs to a run with other settings or other data.",
+            "Give the same ones, or delete it and start without --resume.",
+        )
     try:
         model.load_state_dict(
             {name[6:]: value for name, value in tensors.items() if name.startswith("model.")}

@@ -6,7 +6,7 @@ import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
@@ -163,9 +163,15 @@ def train_encoder(
     model = build(recipe.representation)
     optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate, betas=(0.9, 0.99))
     checkpoint = output.with_suffix(".checkpoint.safetensors")
-    record = {"step": 0, "seconds": 0.0, "iterations": recipe.iterations, "seed": seed}
+    run = {"seed": seed, "config": asdict(recipe)}
+    record: dict[str, Any] = {
+        "step": 0,
+        "seconds": 0.0,
+        "iterations": recipe.iterations,
+        "run": run,
+    }
     if resume and checkpoint.exists():
-        record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g)
+        record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, run=run)
     elif minutes is not None:
         record["iterations"] = _iterations_in(minutes, model, recipe, measured)
     writer = SummaryWriter(output.with_suffix(".tensorboard"))
@@ -176,9 +182,7 @@ def train_encoder(
     for step in bar:
         for group in optimizer.param_groups:
             group["lr"] = learning_rate(recipe, step, record["iterations"])
-        torch.manual_seed(
-            seed + step
-        )  # of the variational latents, so that a resumed run is the same
+        torch.manual_seed(seed + step)  # variational latents: a resumed run draws the same
         loss = training_loss(model, recipe, measured, g)
         optimizer.zero_grad()
         loss.backward()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -31,16 +31,24 @@ class SourceHistories:
 
     parameters: [N, T, 7] Torrance-Sparrow states (kd, ks, alpha)
     latents: [N, T, D] the same encoded, flat
-    observed: [N, T] whether the sequence lasted long enough after the texel's onset to show the age
+    observed: [N, T] whether the sequence lasted long enough after the texel's onset to show the
+        age, with values that can be rendered; the rest says nothing and is left out of every fit
+    out_of_range: the share of the sequence's values that had to be clamped to be rendered
     """
 
     parameters: Tensor
     latents: Tensor
     observed: Tensor
+    out_of_range: float = 0.0
 
     def select(self, rows: Tensor) -> SourceHistories:
         """Only the texels `rows`."""
-        return SourceHistories(self.parameters[rows], self.latents[rows], self.observed[rows])
+        return replace(
+            self,
+            parameters=self.parameters[rows],
+            latents=self.latents[rows],
+            observed=self.observed[rows],
+        )
 
 
 def source_histories(
@@ -51,21 +59,23 @@ def source_histories(
     if isinstance(sequence, MixtureSequence):
         weights = _sampled(sequence.weights.reshape(frames, -1, 1), seed)
         return _mixture_histories(sequence, weights, representation)
+    broken = sequence.out_of_range()
+    clamped = sequence.clamped()
     flat = np.concatenate(
-        (sequence.kd, sequence.ks, sequence.alpha[..., None]), -1, dtype=np.float32
-    ).reshape(frames, -1, 7)
+        (clamped.kd, clamped.ks, clamped.alpha[..., None], broken[..., None]), -1, dtype=np.float32
+    ).reshape(frames, -1, 8)
     onset = None if sequence.onset is None else sequence.onset.reshape(1, -1, 1)
     states = _sampled(flat, seed)
     starts = np.zeros(states.shape[1]) if onset is None else _sampled(onset, seed)[0, :, 0]
-    parameters, observed = align(torch.from_numpy(states), sequence.times, starts)
+    histories, observed = align(torch.from_numpy(states), sequence.times, starts)
+    parameters, observed = histories[..., :7].contiguous(), observed & (histories[..., 7] == 0)
     angles = representation.sample_angles(SAMPLES)
 
     def values(states: Tensor) -> Tensor:
         return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
 
-    return SourceHistories(
-        parameters, _encode(parameters, values, representation, angles), observed
-    )
+    latents = _encode(parameters, values, representation, angles)
+    return SourceHistories(parameters, latents, observed, float(broken.mean()))
 
 
 def align(states: Tensor, times: np.ndarray, onset: np.ndarray) -> tuple[Tensor, Tensor]:

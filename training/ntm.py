@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from model_runtime.histories import roll_out
-from model_runtime.package import read_card, save_model
+from model_runtime.package import hash_tensors, read_card, save_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import inverse_log_transform
@@ -63,7 +63,7 @@ def train_ntm(
     best is what `auto` will use. `card` holds name, title, description, process, source, license.
     """
     representation, identity = load_representation(encoder)
-    source = source_histories(read_sequence(sequence), representation, seed=seed)
+    source = source_histories(read_sequence(sequence, clamp=False), representation, seed=seed)
     g = torch.Generator().manual_seed(seed)
     order = torch.randperm(len(source.parameters), generator=g)
     held = max(1, int(len(order) * _HELD_OUT))
@@ -118,6 +118,7 @@ def train_ntm(
             "minutes": round(sum(record["seconds"] for record in done.values()) / 60, 1),
             "seed": seed,
             "texels": len(source.parameters),
+            "out_of_range": round(source.out_of_range, 4),
         },
     }
     save_model(output, ntm.tensors(), details, kind="ntm")
@@ -200,9 +201,15 @@ def _train(
         nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         return value
 
-    record: dict[str, Any] = {"step": 0, "seconds": 0.0, "iterations": config.iterations}
+    run = {"seed": seed, "config": asdict(config), "states": hash_tensors({"": states})}
+    record: dict[str, Any] = {
+        "step": 0,
+        "seconds": 0.0,
+        "iterations": config.iterations,
+        "run": run,
+    }
     if resume and checkpoint.exists():
-        record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g)
+        record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, run=run)
     elif minutes is not None:
         one_step()
         start = time.monotonic()

@@ -93,7 +93,7 @@ def evaluate(parameters: DisneyParameters, angles: Tensor) -> Tensor:
         torch.full_like(rough, 0.1), torch.full_like(rough, 0.001), column(p.clearcoat_gloss)
     )
     g2 = gloss.square()
-    coat_distribution = (g2 - 1) / (math.pi * g2.log() * (1 + (g2 - 1) * (1 - sin2_h)))
+    coat_distribution = (g2 - 1) / (math.pi * g2.log() * (sin2_h + g2 * (1 - sin2_h)))
     coat_fresnel = 0.04 + 0.96 * fresnel_d
     quarter = cos_i.new_tensor(0.0625)
     coat_masking = _masking_over_cosine(cos_i, quarter) * _masking_over_cosine(cos_o, quarter)

@@ -171,7 +171,8 @@ class _Texels:
         least = 1 - 2 * kd_along / (along + root)
         other = 1 - (along + root) / (2 * most_f0)
         gap = (metallic > other) & (metallic < least)
-        nearer = torch.where((other >= 0) & (metallic - other < least - metallic), other, least)
+        # a root at 0 may come out a rounding error below it
+        nearer = torch.where((other > -1e-6) & (metallic - other < least - metallic), other, least)
         metallic = torch.where(gap, nearer, metallic)
         most_base = self.base.clamp_min(1)
         most = torch.where(along > 0, ks_along / along, 1)

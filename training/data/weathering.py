@@ -173,10 +173,10 @@ def _coat(rng: Rng, colour: Array, dullest: float = 0.8) -> Array:
 
 def _anything(rng: Rng) -> Array:
     """Whatever else a model may be tried on: plastics and metals of any colour."""
-    colour = _hue(rng, rng.random())
+    colour = _hue(rng, 0.5 * rng.random())
     if rng.random() < 0.5:
         return _metal(rng, colour, 0.2, 0.95)
-    return _coat(rng, colour * _between(rng, 0.02, 0.9), 1.0)
+    return _coat(rng, colour * _between(rng, 0.05, 0.95), 1.0)
 
 
 def _steel_like(rng: Rng) -> Array:
