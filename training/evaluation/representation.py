@@ -82,6 +82,7 @@ def _measured(path: Path) -> MaterialSet:
     return MaterialSet((brdf.name,), lambda angles: brdf.evaluate(angles)[None])
 
 
+@torch.no_grad()
 def evaluate_representation(
     data: Path, output: Path, *, pixels: int = 64, encoder: Path = ENCODER
 ) -> dict[str, Any]:
@@ -90,7 +91,6 @@ def evaluate_representation(
     PSNR in dB on the metric of DESIGN.md with a sphere `pixels` wide: mean, min, p5 and n of each
     set, and of every material; with the size, the cost and the training of the method.
     """
-    torch.set_grad_enabled(False)
     sphere = Sphere.load(data / "hdri", pixels=pixels)
     model, _ = load_representation(encoder)
     sets: dict[str, Any] = {}
