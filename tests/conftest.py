@@ -9,6 +9,12 @@ the extension's root (`from ..model_runtime import package`), so its tests impor
 extension, as Blender does: `from tvbrdf.tvbrdf_addon.material import bind`.  The package `tvbrdf`
 is this working tree, whatever its folder is called.
 
+`one_thread`: torch on one thread, for tests of many small steps, which a second only slows down.
+
+`paint`, `steel`: folders with maps of painted steel (64 px) and with one uniform texel of steel.
+
+Properties are tried on the same examples every time in CI, and on new ones elsewhere.
+
 Fixtures that need Blender are described in `tests/blender/conftest.py`.
 """
 
@@ -18,14 +24,21 @@ import importlib.abc
 import importlib.util
 import os
 import sys
+from collections.abc import Iterator
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 
+import hypothesis
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 EXIT_STATUS = pytest.StashKey[int]()
+
+
+hypothesis.settings.register_profile("ci", derandomize=True, deadline=None)
+if os.environ.get("CI"):
+    hypothesis.settings.load_profile("ci")
 
 
 class _ExtensionFinder(importlib.abc.MetaPathFinder):
@@ -70,3 +83,32 @@ def data_folder(request: pytest.FixtureRequest) -> Path:
             pytest.fail(f"TVBRDF_DATA is {named}, which holds no data (no README.md in it).")
         pytest.skip(f"the data is not at {folder}; set TVBRDF_DATA")
     return folder
+
+
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("age ü")
+
+
+@pytest.fixture(scope="session")
+def paint(place: Path) -> Path:
+    from tests.ageing import write_painted_steel
+
+    return write_painted_steel(place / "paint", 64)
+
+
+@pytest.fixture(scope="session")
+def steel(place: Path) -> Path:
+    from tests.ageing import write_torrance_sparrow
+
+    return write_torrance_sparrow(place / "steel")

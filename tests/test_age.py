@@ -52,22 +52,6 @@ class Aged:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("age ü")
-
-
-@pytest.fixture(scope="module")
-def paint(place: Path) -> Path:
-    return write_painted_steel(place / "paint", 64)
-
-
-@pytest.fixture(scope="module")
-def steel(place: Path) -> Path:
-    """One uniform texel of steel."""
-    return write_torrance_sparrow(place / "steel")
-
-
-@pytest.fixture(scope="module")
 def painted(place: Path, paint: Path) -> Aged:
     """The painted steel aged with all defaults, but for 12 frames."""
     listener = Listener()

@@ -28,22 +28,6 @@ from tests.ageing import (
 )
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("age ü")
-
-
-@pytest.fixture(scope="module")
-def paint(place: Path) -> Path:
-    return write_painted_steel(place / "paint", 64)
-
-
-@pytest.fixture(scope="module")
-def steel(place: Path) -> Path:
-    """One uniform texel of steel."""
-    return write_torrance_sparrow(place / "steel")
-
-
 @pytest.fixture
 def floats(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, np.ndarray]]]:
     """Runs an ageing and gives what it would write, before it is rounded to half floats."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -16,17 +15,10 @@ from model_runtime.brdf import disney
 from model_runtime.brdf.half_angle import above_horizon, directions
 from model_runtime.fit import Fit, fit_angles, fit_torrance_sparrow
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 ALPHAS = st.floats(math.log(1e-4), 0).map(math.exp)
 LEAST = float(np.float32(1e-4))
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Many small steps: a second thread only slows them down."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def reflectance(kd: ArrayLike, ks: ArrayLike, alpha: ArrayLike, angles: torch.Tensor) -> np.ndarray:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +28,8 @@ from model_runtime.representation.latents import (
 )
 from model_runtime.representation.lobes import compress, expand
 from model_runtime.representation.paper import PaperRepresentation
+
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 KINDS = ["bundled", "lobes", "paper"]
 
@@ -54,14 +55,6 @@ def model(request: pytest.FixtureRequest, models):
 def lobes(request: pytest.FixtureRequest, models):
     with torch.no_grad():
         yield models[request.param]
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def materials(angles: torch.Tensor, n: int = 6, seed: int = 0) -> torch.Tensor:

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,11 +31,13 @@ from model_runtime.representation import load_representation
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 from tests.ageing import run, write_torrance_sparrow
 from training import encoder, ntm
-from training.checkpoint import load_checkpoint, save_checkpoint
+from training.checkpoint import save_checkpoint
 from training.data import weathering
 from training.data.synthetic import s2
 from training.encoder import CONFIGS, train_encoder
 from training.ntm import NTMConfig, train_ntm
+
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 ROOT = Path(__file__).resolve().parents[1]
 CARD = {
@@ -47,7 +49,6 @@ CARD = {
     "license": "CC0-1.0",
 }
 TINY = NTMConfig(iterations=12, batch=32, warm_up=3)
-RUN = {"seed": 0}
 
 
 class Killed(BaseException):
@@ -58,14 +59,6 @@ def fast_clock(step: float) -> SimpleNamespace:
     """Every look at it is `step` seconds after the last."""
     now = iter(range(10**9))
     return SimpleNamespace(monotonic=lambda: next(now) * step)
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture
@@ -301,58 +294,6 @@ def write_sequence(folder: Path, kd: np.ndarray, ks: np.ndarray, alpha: np.ndarr
     for name, maps in (("kd", kd), ("ks", ks), ("alpha", alpha)):
         for k, pixels in enumerate(maps, start=1):
             write_exr(folder / f"{name}_{k:04d}.exr", np.ascontiguousarray(pixels))
-
-
-class TestCheckpoint:
-    @staticmethod
-    def parts():
-        torch.manual_seed(0)
-        model = torch.nn.Linear(3, 2)
-        return model, torch.optim.Adam(model.parameters()), torch.Generator().manual_seed(1)
-
-    def test_everything_comes_back(self, tmp_path):
-        model, optimizer, g = self.parts()
-        for _ in range(3):
-            optimizer.zero_grad()
-            model(torch.rand(4, 3, generator=g)).square().sum().backward()
-            optimizer.step()
-        path = tmp_path / "new" / "c.safetensors"
-        save_checkpoint(
-            path, model=model, optimizer=optimizer, generator=g, record={"step": 3, "run": RUN}
-        )
-        expected = torch.rand(2, generator=g)
-        other, adam, h = self.parts()
-        record = load_checkpoint(path, model=other, optimizer=adam, generator=h, run=RUN)
-        assert record == {"step": 3, "run": RUN}
-        assert torch.equal(other.weight, model.weight)
-        one, two = (o.state_dict()["state"][0] for o in (optimizer, adam))
-        assert all(torch.equal(one[key], two[key]) for key in ("exp_avg", "exp_avg_sq", "step"))
-        assert torch.equal(torch.rand(2, generator=h), expected)
-        assert [p.name for p in path.parent.iterdir()] == [path.name]
-
-    def test_before_the_first_step(self, tmp_path):
-        model, optimizer, g = self.parts()
-        path = tmp_path / "c.safetensors"
-        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"run": RUN})
-        record = load_checkpoint(path, model=model, optimizer=optimizer, generator=g, run=RUN)
-        assert record == {"run": RUN}
-
-    @pytest.mark.parametrize("damage", ["missing", "cut", "other shapes", "a model file"])
-    def test_damage_is_a_sentence(self, tmp_path, damage: str):
-        model, optimizer, g = self.parts()
-        path = tmp_path / "c.safetensors"
-        save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"run": RUN})
-        if damage == "missing":
-            path.unlink()
-        elif damage == "cut":
-            path.write_bytes(path.read_bytes()[:-5])
-        elif damage == "other shapes":
-            model = torch.nn.Linear(3, 5)
-        else:
-            path.write_bytes(ENCODER.read_bytes())
-        with pytest.raises(ModelFileError, match=r"c\.safetensors") as error:
-            load_checkpoint(path, model=model, optimizer=optimizer, generator=g, run=RUN)
-        assert "--resume" in error.value.hint
 
 
 class TestCommand:

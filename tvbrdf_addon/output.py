@@ -20,13 +20,18 @@ LONGEST_BYTES = 120
 
 def file_safe(name: str) -> str:
     """`name` as a folder name that every system accepts; other scripts' letters stay."""
-    safe = re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f]', "_", name).rstrip(". ").lstrip()
-    safe = safe.encode()[:LONGEST_BYTES].decode(errors="ignore").rstrip(". ")
+    safe = _trimmed(re.sub(r'[<>:"/\\|?*\x00-\x1f\x7f-\x9f]', "_", name))
+    safe = _trimmed(safe.encode()[:LONGEST_BYTES].decode(errors="ignore"))
     if safe.startswith("."):
         safe = "_" + safe[1:]
     if not safe:
         return "material"
     return f"_{safe}" if RESERVED.fullmatch(safe) else safe
+
+
+def _trimmed(name: str) -> str:
+    """`name` without spaces at its ends and dots at its end, of whatever script."""
+    return re.sub(r"^\s+|[\s.]+$", "", name)
 
 
 def free_folder(parent: Path, name: str, taken: Iterable[Path]) -> Path:
