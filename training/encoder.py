@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from model_runtime.package import save_model
-from model_runtime.representation import build
+from model_runtime.representation import Trained, build
 from model_runtime.representation.latents import Latents, Representation, log_transform
 from model_runtime.representation.lobes import compress
 
@@ -226,7 +226,7 @@ def train_encoder(
 
 
 def _iterations_in(
-    minutes: float, model: nn.Module, recipe: EncoderConfig, measured: NeuralBRDFs
+    minutes: float, model: Trained, recipe: EncoderConfig, measured: NeuralBRDFs
 ) -> int:
     """How many iterations fit in `minutes` here; the trial runs leave the model as it was."""
     g = torch.Generator().manual_seed(0)

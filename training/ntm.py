@@ -17,7 +17,7 @@ from model_runtime.histories import roll_out
 from model_runtime.package import hash_tensors, read_card, save_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
-from model_runtime.representation.latents import inverse_log_transform
+from model_runtime.representation.latents import Representation, inverse_log_transform
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
@@ -27,6 +27,8 @@ from .data.sequences import read_sequence
 from .histories import SAMPLES, SourceHistories, source_histories
 
 __all__ = ("NTMConfig", "train_ntm")
+
+Model = ParameterLSTM | LatentLSTM
 
 _HELD_OUT = 0.1
 _VALIDATION_TEXELS = 256
@@ -147,7 +149,7 @@ def _ranges(initial: Tensor) -> dict[str, list[float]]:
     }
 
 
-def _parameter_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:
+def _parameter_loss(estimate: Tensor, truth: Tensor, model: Model) -> Tensor:
     """[B, T, 7]: squared difference in standard deviations, and of square roots (as the eye
     sees).
     """
@@ -156,7 +158,7 @@ def _parameter_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor
     return standard.square() + 30 * seen.square()
 
 
-def _paper_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:
+def _paper_loss(estimate: Tensor, truth: Tensor, model: LatentLSTM) -> Tensor:
     """[B, T, D]: the paper's loss (section 3.2), colours compared after the inverse of l."""
     colors = model.sizes[0]
     seen = [inverse_log_transform(z[..., :colors].clamp_min(0)) for z in (estimate, truth)]
@@ -164,16 +166,16 @@ def _paper_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:
     return torch.cat((seen[0] - seen[1], shared), -1).square()
 
 
-def _latent_loss(estimate: Tensor, truth: Tensor, model: nn.Module) -> Tensor:
+def _latent_loss(estimate: Tensor, truth: Tensor, model: Model) -> Tensor:
     """[B, T, D]: the squared difference in standard deviations."""
     return ((estimate - truth) / model.scale).square()
 
 
 def _train(
-    model: ParameterLSTM | LatentLSTM,
+    model: Model,
     states: Tensor,
     observed: Tensor,
-    loss_of: Callable[[Tensor, Tensor, nn.Module], Tensor],
+    loss_of: Callable[[Tensor, Tensor, Any], Tensor],
     config: NTMConfig,
     *,
     checkpoint: Path,
@@ -243,7 +245,7 @@ def _train(
 
 
 def _score(
-    rung: str, ntm: NeuralTemporalModel, test: SourceHistories, representation: nn.Module
+    rung: str, ntm: NeuralTemporalModel, test: SourceHistories, representation: Representation
 ) -> float:
     """Appearance PSNR in dB of held-out histories, anchored as ageing anchors them."""
     with torch.no_grad():

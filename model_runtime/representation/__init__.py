@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from torch import nn
-
 from ..errors import ModelFileError
 from ..package import ENCODER, hash_tensors, load_model
 from .lobes import LobeRepresentation
 from .paper import PaperRepresentation
 
-__all__ = ("build", "load_representation")
+__all__ = ("Trained", "build", "load_representation")
 
+Trained = LobeRepresentation | PaperRepresentation
 _KINDS = {"lobes": LobeRepresentation, "paper": PaperRepresentation}
 
 
-def build(name: str) -> LobeRepresentation | PaperRepresentation:
+def build(name: str) -> Trained:
     """A new, untrained representation of the kind `name`."""
     return _KINDS[name]()
 
 
-def load_representation(path: Path = ENCODER) -> tuple[nn.Module, str]:
+def load_representation(path: Path = ENCODER) -> tuple[Trained, str]:
     """The trained representation in `path`, ready for use, and the hash that NTMs refer to it
     by.
     """

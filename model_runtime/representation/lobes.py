@@ -71,6 +71,8 @@ class LobeRepresentation(nn.Module):
 
     name = "lobes"
 
+    encoder_angles: Tensor
+
     def __init__(self, config: LobeConfig = LobeConfig()) -> None:
         super().__init__()
         self.config = config
@@ -87,12 +89,15 @@ class LobeRepresentation(nn.Module):
         self.to_shapes = _mlp(d + k, width // 2, 2 * lobes)
         self.to_weights = _mlp(2 * k + d, width, width, 2 + 2 * lobes + config.rank)
         self.basis = _mlp(8, 128, 128, config.rank)
+        last_shapes, last_weights = self.to_shapes[-1], self.to_weights[-1]
+        assert isinstance(last_shapes, nn.Linear)
+        assert isinstance(last_weights, nn.Linear)
         with torch.no_grad():
-            for last in (self.to_shapes[-1], self.to_weights[-1]):
+            for last in (last_shapes, last_weights):
                 last.weight.mul_(0.1)
                 last.bias.zero_()
-            self.to_shapes[-1].bias[:lobes] = torch.linspace(-3.5, -0.5, lobes)
-            self.to_weights[-1].weight[2 + 2 * lobes :].zero_()
+            last_shapes.bias[:lobes] = torch.linspace(-3.5, -0.5, lobes)
+            last_weights.weight[2 + 2 * lobes :].zero_()
 
     @property
     def latent_sizes(self) -> tuple[int, int]:

@@ -70,6 +70,9 @@ class ParameterLSTM(nn.Module):
     Its output is a residual step, so that an untrained model is `Constant`.
     """
 
+    mean: Tensor
+    scale: Tensor
+
     LIMIT = 8.0  # standard deviations beyond which no rollout may run away
 
     def __init__(self, dimensions: int = 7, width: int = 64) -> None:
@@ -105,15 +108,17 @@ class LatentLSTM(nn.Module):
     Each reads the present latent and adds a residual step to it; neither sees the other.
     """
 
+    mean: Tensor
+    scale: Tensor
+
     def __init__(self, color: int, shared: int, width: int = 64) -> None:
         """`color` = 3 k numbers for the colour channels, `shared` = d for all."""
         super().__init__()
         self.sizes = (color, shared)
         self.cells = nn.ModuleList(nn.LSTMCell(size, width) for size in self.sizes)
         self.steps = nn.ModuleList(nn.Linear(width, size) for size in self.sizes)
-        for step in self.steps:
-            nn.init.zeros_(step.weight)
-            nn.init.zeros_(step.bias)
+        for tensor in self.steps.parameters():
+            nn.init.zeros_(tensor)
         self.register_buffer("mean", torch.zeros(color + shared))
         self.register_buffer("scale", torch.ones(color + shared))
 
