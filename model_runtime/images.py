@@ -52,7 +52,25 @@ def read_image(path: str | Path, *, color: bool) -> Pixels:
     as in Blender. Raises InputError where the file is missing, damaged, of another format or has
     more than 16384 pixels a side.
     """
-    path = Path(path)
+    pixels = _read(Path(path), decode=color)
+    if color:
+        return pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, -1)
+    return pixels if pixels.ndim == 2 else _luminance(pixels)
+
+
+def read_packed(path: str | Path) -> Pixels:
+    """Read an image whose channels are maps of their own, as data: [H, W, 3].
+
+    Raises InputError as `read_image` does, and for an image of one channel.
+    """
+    pixels = _read(Path(path), decode=False)
+    if pixels.ndim == 2:
+        raise InputError(f"{Path(path).name} has one channel, not three packed maps.", _HINT)
+    return pixels
+
+
+def _read(path: Path, *, decode: bool) -> Pixels:
+    """[H, W] or [H, W, 3] of the file at `path`, integers decoded from sRGB where asked."""
     extension = path.suffix.lower()
     if extension not in EXTENSIONS:
         raise InputError(f"{path.name} is not in an image format that can be read.", _HINT)
@@ -63,10 +81,7 @@ def read_image(path: str | Path, *, color: bool) -> Pixels:
             pass
     except (OSError, ValueError) as error:
         raise InputError(f"{path.name} cannot be opened: {error}.", "Check the path.") from error
-    pixels = _read_exr(path) if extension == ".exr" else _read_integer(path, color=color)
-    if color:
-        return pixels if pixels.ndim == 3 else np.repeat(pixels[..., None], 3, -1)
-    return pixels if pixels.ndim == 2 else _luminance(pixels)
+    return _read_exr(path) if extension == ".exr" else _read_integer(path, decode=decode)
 
 
 def write_exr(path: str | Path, pixels: Pixels) -> None:
@@ -145,7 +160,7 @@ def _check_size(path: Path, width: int, height: int) -> None:
         )
 
 
-def _read_integer(path: Path, *, color: bool) -> Pixels:
+def _read_integer(path: Path, *, decode: bool) -> Pixels:
     """[H, W] or [H, W, 3] of a JPEG, PNG or TIFF."""
     try:
         codes = _codes(path)
@@ -157,7 +172,7 @@ def _read_integer(path: Path, *, color: bool) -> Pixels:
         return codes
     most = np.iinfo(codes.dtype).max
     levels = np.arange(most + 1, dtype=np.float32) / np.float32(most)
-    return (_decode_srgb(levels) if color else levels)[codes]
+    return (_decode_srgb(levels) if decode else levels)[codes]
 
 
 def _codes(path: Path) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from .brdf import merl, rgl
 from .brdf.measured import MeasuredBRDF
 from .errors import InputError, UsageError
-from .images import MAX_SIDE, read_image, resize
+from .images import MAX_SIDE, read_image, read_packed, resize
 from .maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 from .texture_names import choose_maps
 
@@ -28,7 +28,7 @@ _MEASURED = {".binary": merl.read, ".bsdf": rgl.read}
 _TORRANCE_SPARROW = ("kd", "ks", "alpha")
 _COLORS = ("base_color", "specular_tint", "kd", "ks")
 _DEFAULTS = {"metallic": 0.0, "specular": 0.5, "roughness": 0.5, "ior": 1.5, "specular_tint": 1.0}
-_UP_TO_ONE = ("metallic", "roughness", "gloss", "alpha")
+_UP_TO_ONE = ("metallic", "roughness", "gloss", "alpha", "packed")
 _KINDS = (
     "Give a folder of texture maps, a folder with kd.exr, ks.exr and alpha.exr, "
     "a MERL .binary or an RGL .bsdf."
@@ -119,7 +119,7 @@ def _inside(folder: Path, name: str) -> Path:
 
 def _read_map(name: str, file: Path) -> Pixels:
     """One map, checked texel by texel."""
-    pixels = read_image(file, color=name in _COLORS)
+    pixels = read_packed(file) if name == "packed" else read_image(file, color=name in _COLORS)
     texels = pixels.reshape(*pixels.shape[:2], -1)
     for wrong, what in (
         (~np.isfinite(texels).all(-1), "NaN or infinite"),
@@ -174,6 +174,9 @@ def _torrance_sparrow(maps: Mapping[str, Pixels]) -> TorranceSparrowMaps:
 
 def _principled(maps: Mapping[str, Pixels]) -> PrincipledMaps:
     base_color = maps["base_color"]
+    if "packed" in maps:
+        _, roughness, metallic = np.ascontiguousarray(maps["packed"].transpose(2, 0, 1))
+        maps = {"roughness": roughness, "metallic": metallic, **maps}
 
     def of(name: str) -> Pixels:
         if name in maps:

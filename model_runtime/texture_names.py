@@ -29,12 +29,13 @@ _TAGS = {
     "specular": ("speculariorlevel", "specularlevel", "specularity", "specular", "spec"),
     "ior": ("ior",),
     "specular_tint": ("speculartint",),
+    "packed": ("arm", "orm", "occlusionroughnessmetallic"),
 }
 """The words for each map, the most telling first."""
 
 _IGNORED = (
     *("normal", "norm", "nor", "nrm", "displacement", "disp", "height", "bump"),
-    *("ao", "ambientocclusion", "occlusion", "opacity", "arm", "orm"),
+    *("ao", "ambientocclusion", "occlusion", "opacity"),
     *("emission", "emissive", "emissioncolor", "emissivecolor", "specularcolor", "coatcolor"),
     *("coatroughness", "clearcoatroughness", "sheencolor", "sheenroughness", "subsurfacecolor"),
     *("preview", "thumbnail", "render"),
@@ -69,8 +70,10 @@ class _Candidate:
 def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
     """File name of each map found among the file `names` of `folder`.
 
-    Keys are fields of PrincipledMaps, or `gloss` for an inverted roughness. Of duplicates the one
-    with the more telling tag wins, then JPEG before PNG, TIFF and EXR, then the higher resolution.
+    Keys are fields of PrincipledMaps, `gloss` for an inverted roughness, or `packed` for occlusion,
+    roughness and metallic in one image, which fills in for what has no image of its own. Of
+    duplicates the one with the more telling tag wins, then JPEG before PNG, TIFF and EXR, then the
+    higher resolution.
     Raises InputError where no base colour is found or the folder holds several materials.
     """
     found: dict[str, list[_Candidate]] = defaultdict(list)
@@ -100,6 +103,8 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
         chosen[map_name] = min(own or candidates, key=lambda candidate: candidate.order).file
     if "roughness" in chosen:
         chosen.pop("gloss", None)
+    if "metallic" in chosen and ("roughness" in chosen or "gloss" in chosen):
+        chosen.pop("packed", None)
     return chosen
 
 

@@ -72,6 +72,9 @@ def refused(path: Path, sentence: str) -> InputError:
         ("bricks_spec.png", "specular"),
         ("Specular IOR Level.exr", "specular"),
         ("IOR.exr", "ior"),
+        ("wood_arm_2k.jpg", "packed"),
+        ("T_Crate_ORM.png", "packed"),
+        ("crate_OcclusionRoughnessMetallic.png", "packed"),
         ("SpecularTint.exr", "specular_tint"),
         ("x_specular_tint.png", "specular_tint"),
     ],
@@ -91,7 +94,6 @@ def test_names_as_artists_write_them(name: str, found: str) -> None:
         "wood_AO.jpg",
         "wood_Ambient_Occlusion.jpg",
         "wood_opacity.png",
-        "wood_arm_2k.jpg",
         "wood_Emission_Color.png",
         "wood_SpecularColor.png",
         "wood_coat_roughness.png",
@@ -354,3 +356,21 @@ def test_hashes_follow_the_content(tmp_path: Path) -> None:
     }
     save(tmp_path / "x_color.png", 129)
     assert hash_input(tmp_path) != before
+
+
+def test_packed_maps_fill_in_what_is_missing(tmp_path: Path) -> None:
+    """Occlusion, roughness and metallic in one image, as Poly Haven and game engines pack them."""
+    codes = np.zeros((4, 4, 3), np.uint8)
+    codes[...] = (200, 51, 255)
+    Image.fromarray(codes).save(tmp_path / "crate_diff_2k.png")
+    Image.fromarray(codes).save(tmp_path / "crate_arm_2k.png")
+    maps = read_input(tmp_path)
+    np.testing.assert_allclose(maps.roughness, 51 / 255, rtol=1e-6)
+    np.testing.assert_allclose(maps.metallic, 1.0)
+    Image.fromarray(codes[..., 0]).save(tmp_path / "crate_rough_2k.png")
+    maps = read_input(tmp_path)
+    np.testing.assert_allclose(maps.roughness, 200 / 255, rtol=1e-6)
+    np.testing.assert_allclose(maps.metallic, 1.0)
+    Image.fromarray(codes[..., 0]).save(tmp_path / "crate_arm_2k.png")
+    with pytest.raises(InputError, match="three packed maps"):
+        read_input(tmp_path)
