@@ -61,18 +61,22 @@ def read_back(aged: TorranceSparrowMaps, authored: PrincipledMaps) -> Principled
     up to there (base colour likewise).
     """
     assert aged.size == authored.size, f"{aged.size} is not {authored.size}"
-    base = np.empty((authored.metallic.size, 3), np.float32)
-    metallic, level = np.empty((2, authored.metallic.size), np.float32)
     flat = _Texels.of(authored)
+    base = _rows(authored.base_color).clone()
+    metallic, level = flat.metallic.clone(), flat.level.clone()
     kd, ks = _rows(aged.kd), _rows(aged.ks)
     for chunk in flat.chunks():
-        solved = flat[chunk].nearest(_channels(kd[chunk]), _channels(ks[chunk]))
-        base[chunk], metallic[chunk], level[chunk] = solved[0].T, solved[1], solved[2]
+        before_kd, before_ks = flat[chunk].forward()
+        changed = ((kd[chunk].T != before_kd) | (ks[chunk].T != before_ks)).any(0)
+        rows = changed.nonzero()[:, 0] + chunk.start
+        if len(rows):
+            solved = flat[rows].nearest(_channels(kd[rows]), _channels(ks[rows]))
+            base[rows], metallic[rows], level[rows] = solved[0].T, solved[1], solved[2]
     return replace(
         authored,
-        base_color=base.reshape(authored.base_color.shape),
-        metallic=metallic.reshape(authored.size),
-        specular=level.reshape(authored.size),
+        base_color=base.numpy().reshape(authored.base_color.shape),
+        metallic=metallic.numpy().reshape(authored.size),
+        specular=level.numpy().reshape(authored.size),
         roughness=_roughness(aged.alpha, authored.roughness),
     )
 
@@ -116,7 +120,7 @@ class _Texels:
         for start in range(0, self.metallic.numel(), _CHUNK):
             yield slice(start, start + _CHUNK)
 
-    def __getitem__(self, chunk: slice) -> _Texels:
+    def __getitem__(self, chunk: slice | Tensor) -> _Texels:
         return _Texels(
             self.base[:, chunk].contiguous(),
             self.metallic[chunk],
@@ -145,8 +149,6 @@ class _Texels:
         roots of F1 q^2 - (ks + kd) q + kd. B up to its largest value B1 needs q >= Kd / B1,
         and B >= 0 needs q F T <= Ks.
         """
-        authored_kd, authored_ks = self.forward()
-        changed = ((kd != authored_kd) | (ks != authored_ks)).any(0)
         kd, ks = kd.clamp_min(0), ks.clamp_min(0)
 
         tint2 = self.tint.square().sum(0)
@@ -187,11 +189,7 @@ class _Texels:
         base = torch.minimum(base.clamp_min(0), most_base)
         free = (q == 0) | (per_level == 0)
         level = torch.where(free, self.level, torch.minimum(f0 / per_level, most_level))
-        return (
-            torch.where(changed, base, self.base),
-            torch.where(changed, metallic, self.metallic),
-            torch.where(changed, level, self.level),
-        )
+        return base, metallic, level
 
 
 def _rows(pixels: Pixels) -> Tensor:
