@@ -67,7 +67,7 @@ def read_back(aged: TorranceSparrowMaps, authored: PrincipledMaps) -> Principled
     kd, ks = _rows(aged.kd), _rows(aged.ks)
     for chunk in flat.chunks():
         before_kd, before_ks = flat[chunk].forward()
-        changed = ((kd[chunk].T != before_kd) | (ks[chunk].T != before_ks)).any(0)
+        changed = ((before_kd != kd[chunk].T) | (before_ks != ks[chunk].T)).any(0)
         rows = changed.nonzero()[:, 0] + chunk.start
         if len(rows):
             solved = flat[rows].nearest(_channels(kd[rows]), _channels(ks[rows]))
