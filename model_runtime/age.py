@@ -5,6 +5,7 @@ writing.
 from __future__ import annotations
 
 import dataclasses
+import math
 import shlex
 import sys
 import time
@@ -40,8 +41,8 @@ __all__ = ("AgeRequest", "Reporter", "age")
 
 _UNIFORM_SIZE = 512
 _FOREIGN_SHARE = 0.5
+_WORTHWHILE = 1.0  # dB that finer cells must gain to be made finer still
 _CHECKED = 128  # texels on which a palette is compared with each modelled for itself
-_REFINEMENTS = 3
 _BYTES_PER_TEXEL = 12  # of a frame's half-float maps, compressed or not
 
 
@@ -291,7 +292,8 @@ def _model(
     """A palette of the texels and its histories, as fine as the tolerance needs.
 
     A few texels are also modelled each for itself; where the palette misses them by more than the
-    tolerance, its cells are halved.
+    tolerance, its cells are halved as long as that helps, and what is still missing is said. A
+    draft is not checked.
     """
     effort = _EFFORTS[run.request.quality]
     options = {
@@ -309,24 +311,33 @@ def _model(
     if bool((initial == initial[0]).all()):
         palette = Palette(initial[:1].clone(), torch.zeros(len(initial), dtype=torch.long))
         return palette, modelled(palette)
-    cells = effort.step
-    palette = build_palette(initial, cells, most=effort.most)
+    palette = build_palette(initial, effort.step, most=effort.most)
     histories = modelled(palette)
-    if effort.step == 0:
+    if run.request.quality != "balanced":
         return palette, histories
     rows = torch.linspace(0, len(initial) - 1, min(_CHECKED, len(initial))).long()
     own = Palette(initial[rows], torch.arange(len(rows)))
     truth = AgedTexels(own.entries, own, modelled(own), gain, None)
-    for _ in range(_REFINEMENTS):
-        index = palette.index[rows]
-        shared = AgedTexels(own.entries, Palette(palette.entries, index), histories, gain, None)
-        reached = min(appearance_psnr(truth.at(t), shared.at(t)) for t in (0.1, 0.3, 0.6, 1.0))
-        finer = len(palette.entries) < effort.most
-        if reached >= run.request.tolerance or not finer or run.request.quality == "draft":
-            break
+
+    def reached() -> float:
+        shared = Palette(palette.entries, palette.index[rows])
+        estimate = AgedTexels(own.entries, shared, histories, gain, None)
+        return min(appearance_psnr(truth.at(t), estimate.at(t)) for t in (0.1, 0.3, 0.6, 1.0))
+
+    psnr, gained, cells = reached(), math.inf, effort.step
+    while psnr < run.request.tolerance and gained > _WORTHWHILE:
         cells /= 2
-        palette = build_palette(initial, cells, most=effort.most)
-        histories = modelled(palette)
+        finer = build_palette(initial, cells, most=effort.most)
+        if len(finer.entries) <= len(palette.entries):
+            break
+        palette, histories = finer, modelled(finer)
+        before, psnr = psnr, reached()
+        gained = psnr - before
+    if psnr < run.request.tolerance:
+        run.warn(
+            f"Modelling few materials reaches {psnr:.0f} of the {run.request.tolerance:g} dB asked "
+            "for; choose quality exact to model every texel."
+        )
     return palette, histories
 
 

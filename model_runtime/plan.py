@@ -55,16 +55,15 @@ def build_palette(parameters: Tensor, step: float, *, most: int) -> Palette:
     return Palette((total / count[:, None]).float(), index)
 
 
-def _views() -> tuple[Tensor, Tensor]:
-    """Directions [M, 3] above the horizon that look on and off the highlight, and their weights."""
+def _views() -> Tensor:
+    """Directions [M, 3] above the horizon that look on and off the highlight."""
     theta_h = torch.tensor((0.0, 0.03, 0.1, 0.25, 0.5, 0.8))
     theta_d = torch.tensor((0.2, 0.7, 1.1))
     grid = torch.stack(
         torch.meshgrid(theta_h, theta_d, torch.tensor((0.0, 1.6)), indexing="ij"), -1
     )
     grid = grid.reshape(-1, 3)
-    grid = grid[above_horizon(grid, margin=0.1)]
-    return grid, torch.full((len(grid),), torch.pi)
+    return grid[above_horizon(grid, margin=0.1)]
 
 
 def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:
@@ -72,12 +71,12 @@ def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:
 
     Radiance pi f, so that a white diffuse surface is 1, tone-mapped as in the paper's section 4.2.
     """
-    angles, weight = _views()
+    angles = _views()
 
     def look(states: Tensor) -> Tensor:
         flat = clamp_parameters(states.reshape(-1, 7))
         f = evaluate(flat[:, :3], flat[:, 3:6], flat[:, 6], angles)
-        return (1 - torch.exp(-2 * f * weight[:, None])).pow(1 / 2.8)
+        return (1 - torch.exp(-2 * torch.pi * f)).pow(1 / 2.8)
 
     error = (look(truth) - look(estimate)).square().mean()
     return float(-10 * error.clamp_min(1e-10).log10())

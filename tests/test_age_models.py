@@ -101,6 +101,21 @@ def test_balanced_is_within_the_tolerance_of_exact(tmp_path: Path, rung: str, si
         assert psnr(*both) >= 44.5, f"frame {k + 1}"
 
 
+def test_a_tolerance_that_is_missed_is_said(tmp_path: Path):
+    """4,096 texels of noise are more than any palette holds; 99 dB is more than it can reach."""
+    source = write_torrance_sparrow(tmp_path / "noise", size=64)
+    rng = np.random.default_rng(0)
+    write_exr(source / "kd.exr", rng.random((64, 64, 3), np.float32))
+    listener = Listener()
+    aged = run(source, tmp_path / "aged", listener, tolerance=99.0, frames=2, onset="none")
+    (said,) = aged["warnings"]
+    assert "99 dB" in said
+    assert "exact" in said
+    assert listener.warnings == [said]
+    exact = {"quality": "exact", "frames": 2, "onset": "none"}
+    assert run(source, tmp_path / "exact", tolerance=99.0, **exact)["warnings"] == []
+
+
 def test_rust_spreads_over_uniform_steel(steel: Path, tmp_path: Path):
     """Between frames 9 and 27 of 36 at least a fifth of the texels are as they were, at least a
     fifth have turned, and the border moves.

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from model_runtime.histories import roll_out
-from model_runtime.package import hash_tensors, read_card, save_model
+from model_runtime.package import ModelCard, hash_tensors, read_card, save_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Representation, inverse_log_transform
@@ -106,7 +106,8 @@ def train_ntm(
         "representation": identity,
         "domain": {"radius": domain.radius, "ranges": _ranges(train.parameters[:, 0])},
     }
-    ntm = NeuralTemporalModel(_draft_card(output, details), affine, parameters, latents, domain)
+    draft = ModelCard(output, "ntm", 1, card["name"], card["title"], frames=frames, details=details)
+    ntm = NeuralTemporalModel(draft, affine, parameters, latents, domain)
     scores = {rung: _score(rung, ntm, test, representation) for rung in LADDER}
     chosen = _choose(scores, config)
     details |= {
@@ -129,14 +130,6 @@ def train_ntm(
         + ", ".join(f"{k} {v:.1f} dB" for k, v in scores.items())
     )
     return output
-
-
-def _draft_card(path: Path, details: Mapping[str, Any]) -> Any:
-    from model_runtime.package import ModelCard
-
-    return ModelCard(
-        path, "ntm", 1, details["name"], details["title"], frames=details["frames"], details=details
-    )
 
 
 def _ranges(initial: Tensor) -> dict[str, list[float]]:
