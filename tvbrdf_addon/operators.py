@@ -39,7 +39,7 @@ def find_material(name: str) -> bpy.types.Material:
     """
     names = [material.name for material in bpy.data.materials if material.library is None]
     if name in names:
-        return bpy.data.materials[name]
+        return bpy.data.materials[name, None]  # a linked one may have the same name
     if name in bpy.data.materials:
         return bpy.data.materials[name]
     folded = {other.casefold(): other for other in names}
