@@ -20,7 +20,7 @@ app = tyro.extras.SubcommandApp()
 @app.command
 def encoder(
     output: Path,
-    config: Literal["fast", "paper"] = "fast",
+    config: Literal["fast", "paper", "paper-short", "brdfnps-short"] = "fast",
     resume: bool = False,
     minutes: float | None = None,
     seed: int = 0,

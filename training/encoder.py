@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +26,9 @@ from .evaluation.metric import tone_map
 __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
 
 
+_DIRECTIONS = 16_200
+"""The paper's number of samples of a BRDF."""
+
 ATTRIBUTION = (
     "Trained on the MERL BRDF Database (Matusik, Pfister, Brand, McMillan 2003, Mitsubishi "
     "Electric Research Laboratories, CC-BY-SA-4.0), changes made, through the networks of "
@@ -39,16 +42,18 @@ class EncoderConfig:
     machine.
     """
 
-    representation: Literal["lobes", "paper"]
+    representation: Literal["lobes", "paper", "brdfnps"]
     iterations: int
     batch: int
     samples: int
-    """Directions that the encoder is given (a representation may insist on its own)."""
+    """Directions that the encoder is given, drawn anew from its own for every batch; 0 for all."""
     targets: int
     """Directions at which the decoded BRDF is compared."""
     learning_rate: float
     warm_up: int
     schedule: Literal["constant", "cosine"]
+    loss: Literal["compressed", "l"]
+    """Space in which reflectances are compared: log(1 + f / 0.01), or the paper's l(f)."""
     pixels: int
     """Random sphere pixels compared after tone mapping, 0 for none."""
     latent_noise: float
@@ -69,6 +74,7 @@ CONFIGS = {
         learning_rate=1e-3,
         warm_up=500,
         schedule="cosine",
+        loss="compressed",
         pixels=8,
         latent_noise=0.02,
         bent=0.65,
@@ -83,12 +89,26 @@ CONFIGS = {
         learning_rate=1e-4,
         warm_up=0,
         schedule="constant",
+        loss="l",
         pixels=0,
         latent_noise=0.0,
         bent=0.0,
         torrance_sparrow=0.0,
     ),
 }
+_SHORT = replace(
+    CONFIGS["paper"],
+    iterations=40_000,
+    samples=128,
+    targets=256,
+    learning_rate=1e-3,
+    warm_up=500,
+    schedule="cosine",
+    bent=CONFIGS["fast"].bent,
+    torrance_sparrow=CONFIGS["fast"].torrance_sparrow,
+)
+CONFIGS["paper-short"] = _SHORT
+CONFIGS["brdfnps-short"] = replace(_SHORT, representation="brdfnps")
 
 
 def learning_rate(config: EncoderConfig, step: int, total: int) -> float:
@@ -118,7 +138,9 @@ def training_loss(
     sources = draw_batch(
         measured, config.batch, g, bent=config.bent, torrance_sparrow=config.torrance_sparrow
     )
-    asked = model.sample_angles(config.samples)
+    asked = model.sample_angles(_DIRECTIONS)
+    if config.samples:
+        asked = asked[torch.randperm(len(asked), generator=g)[: config.samples]]
     targets = loss_angles(config.targets, g)
     pixel_angles, weights = sphere_angles(config.pixels, 64, g)
     angles = torch.cat((asked, targets, pixel_angles))
@@ -128,7 +150,7 @@ def training_loss(
     latents = model.encode(asked, seen)
     decoded = model.decode(_noisy(latents, config.latent_noise, g), angles[len(asked) :])
     m = len(targets)
-    if config.representation == "paper":
+    if config.loss == "l":
         return (log_transform(decoded) - log_transform(truth)).abs().mean()
     loss = (compress(decoded[:, :m]) - compress(truth[:, :m])).abs().mean()
     shown = [
@@ -152,7 +174,8 @@ def train_encoder(
 
     A checkpoint beside the output is replaced every minute; `resume` goes on from it. The random
     numbers, the optimiser and the step are all in it, so an interrupted run ends as an
-    uninterrupted one. `minutes` sets the number of iterations, at a speed measured first.
+    uninterrupted one. `minutes` sets the number of iterations, at a speed measured first. Minutes
+    are those of a core, so that runs beside others compare.
     """
     from torch.utils.tensorboard import SummaryWriter
 
@@ -175,7 +198,7 @@ def train_encoder(
     elif minutes is not None:
         record["iterations"] = _iterations_in(minutes, model, recipe, measured)
     writer = SummaryWriter(output.with_suffix(".tensorboard"))
-    start, saved = time.monotonic() - record["seconds"], time.monotonic()
+    start, saved = time.process_time() - record["seconds"], time.monotonic()
     bar = tqdm(range(record["step"], record["iterations"]), initial=record["step"])
     bar.total = record["iterations"]
     smooth = None
@@ -195,11 +218,11 @@ def train_encoder(
             writer.add_scalar("loss", value, step)
         if time.monotonic() - saved > 60:
             saved = time.monotonic()
-            record |= {"step": step + 1, "seconds": saved - start}
+            record |= {"step": step + 1, "seconds": time.process_time() - start}
             save_checkpoint(
                 checkpoint, model=model, optimizer=optimizer, generator=g, record=record
             )
-    record |= {"step": record["iterations"], "seconds": time.monotonic() - start}
+    record |= {"step": record["iterations"], "seconds": time.process_time() - start}
     save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
     save_model(
         output,
@@ -230,10 +253,10 @@ def _iterations_in(
 ) -> int:
     """How many iterations fit in `minutes` here; the trial runs leave the model as it was."""
     g = torch.Generator().manual_seed(0)
-    trials = 3 if recipe.representation == "paper" else 30
+    trials = 3 if recipe.samples == _DIRECTIONS else 30
     for trial in range(trials + 2):
         if trial == 2:
-            start = time.monotonic()
+            start = time.process_time()
         training_loss(model, recipe, measured, g).backward()
     model.zero_grad()
-    return max(1, int(minutes * 60 / ((time.monotonic() - start) / trials) * 0.9))
+    return max(1, int(minutes * 60 / ((time.process_time() - start) / trials) * 0.9))

@@ -7,12 +7,14 @@ from pathlib import Path
 from ..errors import ModelFileError
 from ..package import ENCODER, hash_tensors, load_model
 from .lobes import LobeRepresentation
-from .paper import PaperRepresentation
+from .paper import JointRepresentation, PaperRepresentation
 
 __all__ = ("Trained", "build", "load_representation")
 
 Trained = LobeRepresentation | PaperRepresentation
-_KINDS = {"lobes": LobeRepresentation, "paper": PaperRepresentation}
+_KINDS = {
+    kind.name: kind for kind in (LobeRepresentation, PaperRepresentation, JointRepresentation)
+}
 
 
 def build(name: str) -> Trained:

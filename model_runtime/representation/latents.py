@@ -30,7 +30,7 @@ class Latents:
         """The inverse of `flat` for vectors [..., 3 k + d] laid out as these latents are."""
         split = self.color.shape[1] * self.color.shape[2]
         flat = flat.reshape(-1, flat.shape[-1])
-        return Latents(flat[:, :split].reshape(-1, *self.color.shape[1:]), flat[:, split:])
+        return Latents(flat[:, :split].reshape(len(flat), *self.color.shape[1:]), flat[:, split:])
 
 
 class Representation(Protocol):

@@ -1,4 +1,4 @@
-"""The paper's BRDF encoder and decoder (section 3.1, figure 3)."""
+"""The paper's BRDF encoder and decoder (section 3.1, figure 3), and the same without its split."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch.nn import functional
 from ..brdf.half_angle import above_horizon, network_input
 from .latents import Latents, inverse_log_transform, log_transform
 
-__all__ = ("PaperConfig", "PaperRepresentation")
+__all__ = ("JointRepresentation", "PaperConfig", "PaperRepresentation")
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,14 @@ class PaperRepresentation(nn.Module):
     """
 
     name = "paper"
+    color_latents = 1
+    channels_together = 1
 
     def __init__(self, config: PaperConfig = PaperConfig()) -> None:
         super().__init__()
         self.config = config
         width = config.width
-        self.embed = nn.Linear(5, width)
+        self.embed = nn.Linear(self.channels_together + 4, width)
         self.self_attention = nn.ModuleList(
             _Attention(width, config.heads) for _ in range(config.blocks)
         )
@@ -71,7 +73,7 @@ class PaperRepresentation(nn.Module):
         self.to_normal = nn.Sequential(
             nn.Linear(width, 128), nn.GELU(), nn.Linear(128, 2 * config.shared_latents)
         )
-        inputs = 3 + config.shared_latents + 4
+        inputs = sum(self.latent_sizes) + 4
         hidden = config.decoder_width
         self.decoder = nn.ModuleList(
             nn.Linear(inputs if i == 0 else hidden + inputs, hidden)
@@ -82,7 +84,7 @@ class PaperRepresentation(nn.Module):
     @property
     def latent_sizes(self) -> tuple[int, int]:
         """Numbers for the three channels together, and shared ones."""
-        return 3, self.config.shared_latents
+        return 3 * self.color_latents, self.config.shared_latents
 
     def sample_angles(self, m: int) -> Tensor:
         """The first `m` of a fixed sequence of directions [m, 3] above the horizon."""
@@ -96,9 +98,10 @@ class PaperRepresentation(nn.Module):
     def encode(self, angles: Tensor, f: Tensor) -> Latents:
         """Latents of `f` [N, M, 3] at any `angles` [M, 3]."""
         values = log_transform(f.clamp_min(0))
-        color = values.median(1).values
-        placed = network_input(angles)[None, :, None].expand(*values.shape, 4)
-        tokens = self.embed(torch.cat((values[..., None], placed), -1))
+        color = values.median(1).values[..., None][..., : self.color_latents]
+        sets = values.unflatten(-1, (-1, self.channels_together))
+        placed = network_input(angles)[None, :, None].expand(*sets.shape[:3], 4)
+        tokens = self.embed(torch.cat((sets, placed), -1))
         for block in self.self_attention:
             tokens = block(tokens, tokens)
         token = self.class_token.expand(*tokens.shape[:2], 1, -1)
@@ -106,7 +109,7 @@ class PaperRepresentation(nn.Module):
         mean, log_variance = self.to_normal(feature).chunk(2, -1)
         if self.training:
             mean = mean + torch.randn_like(mean) * (0.5 * log_variance.clamp(-20, 4)).exp()
-        return Latents(color[..., None], mean)
+        return Latents(color, mean)
 
     def decode(self, latents: Latents, angles: Tensor) -> Tensor:
         """f [N, M, 3] at `angles` [M, 3]."""
@@ -119,3 +122,18 @@ class PaperRepresentation(nn.Module):
         for layer in self.decoder[1:]:
             hidden = functional.gelu(layer(torch.cat((hidden, given), -1)))
         return inverse_log_transform(functional.softplus(self.to_color(hidden), beta=20))
+
+
+class JointRepresentation(PaperRepresentation):
+    """The paper's ablation, BRDFNPs (Zheng et al. 2021, as section 4.4 uses it): no split.
+
+    Each sample is one token of its three reflectances and its angles, and all latents are shared:
+    10, as many as the paper's 3 + 7, so that only the split differs.
+    """
+
+    name = "brdfnps"
+    color_latents = 0
+    channels_together = 3
+
+    def __init__(self, config: PaperConfig = PaperConfig(shared_latents=10)) -> None:
+        super().__init__(config)
