@@ -19,7 +19,7 @@ from model_runtime.representation.lobes import compress
 
 from .checkpoint import load_checkpoint, save_checkpoint
 from .data.location import data_folder
-from .data.materials import draw_batch, loss_angles, sphere_angles
+from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
 from .evaluation.metric import tone_map
 
@@ -58,6 +58,8 @@ class EncoderConfig:
     """Random sphere pixels compared after tone mapping, 0 for none."""
     latent_noise: float
     """Standard deviation added to latents, so that near latents decode to near BRDFs."""
+    damaged: float
+    """Share of the materials of which the encoder sees only a part, or sees it badly."""
     bent: float
     """Share of the measured materials that are bent, mixed and recoloured."""
     torrance_sparrow: float
@@ -67,7 +69,7 @@ class EncoderConfig:
 CONFIGS = {
     "fast": EncoderConfig(
         representation="lobes",
-        iterations=40_000,
+        iterations=90_000,
         batch=64,
         samples=0,
         targets=384,
@@ -77,6 +79,7 @@ CONFIGS = {
         loss="compressed",
         pixels=8,
         latent_noise=0.02,
+        damaged=0.35,
         bent=0.65,
         torrance_sparrow=0.25,
     ),
@@ -92,6 +95,7 @@ CONFIGS = {
         loss="l",
         pixels=0,
         latent_noise=0.0,
+        damaged=0.0,
         bent=0.0,
         torrance_sparrow=0.0,
     ),
@@ -147,6 +151,8 @@ def training_loss(
     with torch.no_grad():
         truth = torch.cat([evaluate(angles) for evaluate in sources]).clamp(0, 5000)
     seen, truth = truth[:, : len(asked)], truth[:, len(asked) :]
+    if config.damaged:
+        seen = damage(asked, seen, config.damaged, g)
     latents = model.encode(asked, seen)
     decoded = model.decode(_noisy(latents, config.latent_noise, g), angles[len(asked) :])
     m = len(targets)

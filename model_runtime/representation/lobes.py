@@ -1,8 +1,9 @@
 """A BRDF autoencoder built on analytic lobes: faster and more accurate than the paper's.
 
-The encoder sees the BRDF at one fixed set of directions, so it is a plain MLP a channel, pooled
-over channels. The decoder turns the latents into a diffuse term and generalised GGX lobes with
-grazing gains, and multiplies the sum by a learned low-rank correction. All angular inputs are
+The encoder sees the BRDF at one fixed set of directions, or at any part of it, so it is a plain MLP
+a channel over values and a mask, pooled over channels. The decoder turns the latents into a diffuse
+term and generalised GGX lobes with grazing gains, and multiplies the sum by a learned low-rank
+correction. All angular inputs are
 symmetric in the two directions: reciprocity and channel equivariance hold by construction, and the
 output is finite and not negative.
 """
@@ -41,10 +42,10 @@ class LobeConfig:
     """Sizes: latents a channel and shared, lobes, width of the MLPs, rank of the correction."""
 
     color_latents: int = 4
-    shared_latents: int = 8
+    shared_latents: int = 12
     lobes: int = 3
     width: int = 256
-    rank: int = 64
+    rank: int = 96
 
 
 def _mlp(*sizes: int) -> nn.Sequential:
@@ -55,15 +56,26 @@ def _mlp(*sizes: int) -> nn.Sequential:
 
 
 def encoder_directions() -> Tensor:
-    """The fixed directions [M, 3]: dense towards the mirror peak, out to grazing, above the
+    """The fixed directions [258, 3]: dense towards the mirror peak, out to grazing, above the
     horizon.
+
+    Each is the one farthest from all before it, so that the first m cover the BRDF for every m.
     """
     near = (0.0, 0.002, 0.006, 0.012, 0.022, 0.036, 0.056, 0.085, 0.125)
     theta_h = torch.tensor((*near, 0.18, 0.26, 0.36, 0.5, 0.68, 0.9, 1.15, 1.35))
     theta_d = torch.tensor((0.03, 0.4, 0.75, 1.05, 1.3, 1.45))
     phi_d = torch.tensor((0.0, 0.25, 0.5)) * math.pi
-    grid = torch.stack(torch.meshgrid(theta_h, theta_d, phi_d, indexing="ij"), -1).reshape(-1, 3)
-    return grid[above_horizon(grid, margin=0.03)]
+    grid = torch.cartesian_prod(theta_h, theta_d, phi_d)
+    sizes = (len(theta_h), len(theta_d), len(phi_d))
+    place = torch.cartesian_prod(*(torch.linspace(0, 1, size) for size in sizes))
+    inside = above_horizon(grid, margin=0.03)
+    grid, place = grid[inside], place[inside] * torch.tensor((2.0, 1.0, 0.5))
+    order = [0]
+    distance = (place - place[0]).norm(dim=1)
+    while len(order) < len(grid):
+        order.append(int(distance.argmax()))
+        distance = torch.minimum(distance, (place - place[order[-1]]).norm(dim=1))
+    return grid[order]
 
 
 class LobeRepresentation(nn.Module):
@@ -83,7 +95,7 @@ class LobeRepresentation(nn.Module):
             config.width,
         )
         self.register_buffer("encoder_angles", encoder_directions(), persistent=False)
-        self.per_channel = _mlp(len(self.encoder_angles), width, width)
+        self.per_channel = _mlp(2 * len(self.encoder_angles), width, width)
         self.to_shared = _mlp(2 * width, width, d)
         self.to_color = _mlp(width + d, width // 2, k)
         self.to_shapes = _mlp(d + k, width // 2, 2 * lobes)
@@ -105,16 +117,23 @@ class LobeRepresentation(nn.Module):
         return 3 * self.config.color_latents, self.config.shared_latents
 
     def sample_angles(self, m: int) -> Tensor:
-        """The fixed directions, whatever `m`: more would add nothing."""
-        return self.encoder_angles
+        """The first `m` of the fixed directions, 258 at most: more would add nothing."""
+        return self.encoder_angles[:m]
 
     def encode(self, angles: Tensor, f: Tensor) -> Latents:
-        """Latents of `f` [N, M, 3] at the directions of `sample_angles`."""
-        assert angles.shape == self.encoder_angles.shape
-        seen = torch.nan_to_num(compress(f.clamp(0, 1e4)).transpose(1, 2) * 0.2)
-        features = nn.functional.silu(self.per_channel(seen))
-        pooled = torch.cat((features.mean(1), features.amax(1)), 1)
-        shared = self.to_shared(pooled)
+        """Latents of `f` [N, M, 3] at the directions of `sample_angles`; NaN marks a sample that is
+        missing, in any number and any place.
+        """
+        assert torch.equal(angles, self.encoder_angles[: len(angles)])
+        missing = len(self.encoder_angles) - len(angles)
+        f = nn.functional.pad(f.transpose(1, 2), (0, missing), value=math.nan)
+        known = f.isfinite()
+        seen = compress(torch.where(known, f, 0).clamp(0, 1e4)) * 0.2
+        features = nn.functional.silu(self.per_channel(torch.cat((seen, known.float()), 2)))
+        trusted = known.any(2, keepdim=True)
+        mean = (features * trusted).sum(1) / trusted.sum(1).clamp_min(1)
+        highest = features.masked_fill(~trusted, -1).amax(1)
+        shared = self.to_shared(torch.cat((mean, highest), 1))
         each = torch.cat((features, shared[:, None].expand(-1, 3, -1)), 2)
         return Latents(self.to_color(each), shared)
 
@@ -124,7 +143,7 @@ class LobeRepresentation(nn.Module):
         mean_color = latents.color.mean(1)
         shapes = self.to_shapes(torch.cat((latents.shared, mean_color), 1))
         alpha = shapes[:, :lobes].clamp(-8.5, 0.5).exp()
-        tail = 1 + 3 * torch.sigmoid(shapes[:, lobes:] - 0.7)
+        tail = 1 + 7 * torch.sigmoid(shapes[:, lobes:] - 1.7)
         n = len(alpha)
         per_channel = torch.cat(
             (
