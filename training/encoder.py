@@ -69,7 +69,7 @@ class EncoderConfig:
 CONFIGS = {
     "fast": EncoderConfig(
         representation="lobes",
-        iterations=90_000,
+        iterations=70_000,
         batch=64,
         samples=0,
         targets=384,

@@ -3,9 +3,8 @@
 The encoder sees the BRDF at one fixed set of directions, or at any part of it, so it is a plain MLP
 a channel over values and a mask, pooled over channels. The decoder turns the latents into a diffuse
 term and generalised GGX lobes with grazing gains, and multiplies the sum by a learned low-rank
-correction. All angular inputs are
-symmetric in the two directions: reciprocity and channel equivariance hold by construction, and the
-output is finite and not negative.
+correction. All angular inputs are symmetric in the two directions: reciprocity and channel
+equivariance hold by construction, and the output is finite and not negative.
 """
 
 from __future__ import annotations
