@@ -77,16 +77,18 @@ class Reporter(Protocol):
 
 @dataclass(frozen=True)
 class _Effort:
-    """What a quality means: width of a palette's cells, most entries, samples for the encoder."""
+    """What a quality means: width of a palette's cells, most entries, and samples for the encoder
+    where it is not to take a short cut from the parameters.
+    """
 
     step: float
     most: int
-    samples: int
+    samples: int | None
 
 
 _EFFORTS = {
-    "draft": _Effort(step=0.12, most=256, samples=64),
-    "balanced": _Effort(step=0.05, most=2048, samples=256),
+    "draft": _Effort(step=0.12, most=256, samples=None),
+    "balanced": _Effort(step=0.05, most=2048, samples=None),
     "exact": _Effort(step=0.0, most=0, samples=16_200),
 }
 

@@ -19,6 +19,7 @@ from .temporal.ntm import NeuralTemporalModel
 __all__ = ("Histories", "fit_measured", "roll_out")
 
 _CHUNK = 256
+_MEASURED_SAMPLES = 16_200  # as in the paper
 
 
 @dataclass(frozen=True)
@@ -47,16 +48,16 @@ def roll_out(
     rung: str,
     representation: Representation,
     *,
-    samples: int,
+    samples: int | None = None,
     specular: Literal["rgb", "mono"] = "rgb",
     measured: MeasuredBRDF | None = None,
     step: Callable[[float], None] = lambda fraction: None,
 ) -> Histories:
     """The histories of `entries` [P, 7] under the model of change `rung` of `ntm`.
 
-    Parameters are rolled out as they are. Latents are encoded from `samples` directions of the
-    entries (or of `measured`, then the only entry), rolled out, decoded and fitted at every age.
-    `step` hears which share is done.
+    Parameters are rolled out as they are. Latents are encoded from the entries' parameters or, where
+    it is given, from `samples` directions of them (`measured`, then the only entry, always is
+    sampled), rolled out, decoded and fitted at every age. `step` hears which share is done.
     """
     model = ntm.rung(rung)
     parts, errors = [], [0.0]
@@ -82,9 +83,14 @@ def _chunks(count: int) -> Iterator[tuple[int, int]]:
 
 
 def _encode(
-    entries: Tensor, representation: Representation, samples: int, measured: MeasuredBRDF | None
+    entries: Tensor,
+    representation: Representation,
+    samples: int | None,
+    measured: MeasuredBRDF | None,
 ) -> Latents:
-    angles = representation.sample_angles(samples)
+    if measured is None and samples is None:
+        return representation.encode_parameters(entries)
+    angles = representation.sample_angles(samples or _MEASURED_SAMPLES)
     if measured is not None:
         return representation.encode(angles, measured.evaluate(angles)[None])
     return representation.encode(

@@ -15,16 +15,21 @@ from tqdm import tqdm
 from model_runtime.package import save_model
 from model_runtime.representation import Trained, build
 from model_runtime.representation.latents import Latents, Representation, log_transform
-from model_runtime.representation.lobes import compress
+from model_runtime.representation.lobes import LobeRepresentation, compress
 
 from .checkpoint import load_checkpoint, save_checkpoint
 from .data.location import data_folder
 from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
+from .distillation import distil
 from .evaluation.metric import tone_map
+from .progress import Progress
 
 __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
 
+
+_LOOKS = 20
+"""How often a run measures itself on seen and unseen materials; its clock stops meanwhile."""
 
 _DIRECTIONS = 16_200
 """The paper's number of samples of a BRDF."""
@@ -197,6 +202,7 @@ def train_encoder(
         "step": 0,
         "seconds": 0.0,
         "iterations": recipe.iterations,
+        "curve": [],
         "run": run,
     }
     if resume and checkpoint.exists():
@@ -204,6 +210,7 @@ def train_encoder(
     elif minutes is not None:
         record["iterations"] = _iterations_in(minutes, model, recipe, measured)
     writer = SummaryWriter(output.with_suffix(".tensorboard"))
+    progress = Progress.load(data_folder())
     start, saved = time.process_time() - record["seconds"], time.monotonic()
     bar = tqdm(range(record["step"], record["iterations"]), initial=record["step"])
     bar.total = record["iterations"]
@@ -222,6 +229,14 @@ def train_encoder(
             smooth = value if smooth is None else 0.95 * smooth + 0.05 * value
             bar.set_postfix_str(f"loss {smooth:.4f}", refresh=False)
             writer.add_scalar("loss", value, step)
+        if (step + 1) * _LOOKS // record["iterations"] > step * _LOOKS // record["iterations"]:
+            paused = time.process_time()
+            scores = progress.scores(model.eval())
+            model.train()
+            start += time.process_time() - paused
+            writer.add_scalars("psnr", scores, step)
+            minute = round((time.process_time() - start) / 60, 2)
+            record["curve"].append({"iteration": step + 1, "minutes": minute, **scores})
         if time.monotonic() - saved > 60:
             saved = time.monotonic()
             record |= {"step": step + 1, "seconds": time.process_time() - start}
@@ -230,6 +245,10 @@ def train_encoder(
             )
     record |= {"step": record["iterations"], "seconds": time.process_time() - start}
     save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
+    if isinstance(model, LobeRepresentation):
+        distil(model, seed=seed)
+    options = f"--config {config} --seed {seed}"
+    options += f" --minutes {minutes:g}" if minutes is not None else ""
     save_model(
         output,
         model.state_dict(),
@@ -239,11 +258,11 @@ def train_encoder(
             "source": ATTRIBUTION,
             "license": "GPL-3.0-or-later",
             "trained": {
-                "command": f"python -m training encoder --config {config} --seed {seed}"
-                + (f" --minutes {minutes:g}" if minutes is not None else ""),
+                "command": f"python -m training encoder {options}",
                 "config": asdict(recipe),
                 "iterations": record["iterations"],
                 "minutes": round(record["seconds"] / 60, 1),
+                "curve": record["curve"],
                 "seed": seed,
                 "data": "MERL (through Neural-BRDF), Disney, Torrance-Sparrow",
                 "held_out": list(HELD_OUT),

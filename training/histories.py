@@ -16,9 +16,9 @@ from .data.location import data_folder
 from .data.nbrdf import load
 from .data.sequences import MixtureSequence, Sequence
 
-__all__ = ("SAMPLES", "SourceHistories", "source_histories")
+__all__ = ("SourceHistories", "source_histories")
 
-SAMPLES = 128
+_SAMPLES = 256
 """Directions a BRDF is encoded from, where the representation leaves the choice."""
 
 _MOST_TEXELS = 8192
@@ -69,7 +69,7 @@ def source_histories(
     starts = np.zeros(states.shape[1]) if onset is None else _sampled(onset, seed)[0, :, 0]
     histories, observed = align(torch.from_numpy(states), sequence.times, starts)
     parameters, observed = histories[..., :7].contiguous(), observed & (histories[..., 7] == 0)
-    angles = representation.sample_angles(SAMPLES)
+    angles = representation.sample_angles(_SAMPLES)
 
     def values(states: Tensor) -> Tensor:
         return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
@@ -125,7 +125,7 @@ def _mixture_histories(
         return lambda w: torch.lerp(pure[:1], pure[1:], w[..., None])
 
     share = torch.from_numpy(weights).float().transpose(0, 1).contiguous()
-    angles, wanted = representation.sample_angles(SAMPLES), fit_angles()
+    angles, wanted = representation.sample_angles(_SAMPLES), fit_angles()
     latents = _encode(share, mixed(angles), representation, angles)
     values = mixed(wanted)
     fits = [

@@ -24,7 +24,7 @@ from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 
 from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
-from .histories import SAMPLES, SourceHistories, source_histories
+from .histories import SourceHistories, source_histories
 
 __all__ = ("NTMConfig", "train_ntm")
 
@@ -242,7 +242,7 @@ def _score(
 ) -> float:
     """Appearance PSNR in dB of held-out histories, anchored as ageing anchors them."""
     with torch.no_grad():
-        rolled = roll_out(test.parameters[:, 0], ntm, rung, representation, samples=SAMPLES)
+        rolled = roll_out(test.parameters[:, 0], ntm, rung, representation)
     initial = test.parameters[:, :1]
     anchored = rolled.states + ntm.affine.gain * (initial - rolled.states[:, :1])
     seen = test.observed.clone()

@@ -51,6 +51,10 @@ class Representation(Protocol):
         """Latents of N BRDFs with values `f` [N, M, 3] per steradian at `angles` [M, 3]."""
         ...
 
+    def encode_parameters(self, states: Tensor) -> Latents:
+        """Latents of Torrance-Sparrow materials, `states` [N, 7] = (kd, ks, alpha)."""
+        ...
+
     def decode(self, latents: Latents, angles: Tensor) -> Tensor:
         """f [N, M, 3] of N latents at `angles` [M, 3]; finite and not negative."""
         ...

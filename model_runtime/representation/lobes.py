@@ -100,6 +100,9 @@ class LobeRepresentation(nn.Module):
         self.to_shapes = _mlp(d + k, width // 2, 2 * lobes)
         self.to_weights = _mlp(2 * k + d, width, width, 2 + 2 * lobes + config.rank)
         self.basis = _mlp(8, 128, 128, config.rank)
+        self.from_channel = _mlp(3, width, width)
+        self.from_pooled = _mlp(2 * width, width, d)
+        self.from_each = _mlp(width + d, width, k)
         last_shapes, last_weights = self.to_shapes[-1], self.to_weights[-1]
         assert isinstance(last_shapes, nn.Linear)
         assert isinstance(last_weights, nn.Linear)
@@ -135,6 +138,19 @@ class LobeRepresentation(nn.Module):
         shared = self.to_shared(torch.cat((mean, highest), 1))
         each = torch.cat((features, shared[:, None].expand(-1, 3, -1)), 2)
         return Latents(self.to_color(each), shared)
+
+    def encode_parameters(self, states: Tensor) -> Latents:
+        """Latents of Torrance-Sparrow materials, `states` [N, 7] = (kd, ks, alpha), unsampled.
+
+        An MLP trained to give what `encode` gives for the same materials.
+        """
+        kd, ks = compress(states[:, :3].clamp(0, 1e4)), compress(states[:, 3:6].clamp(0, 1e4))
+        alpha = states[:, 6:].clamp_min(1e-4).log().expand(-1, 3)
+        seen = torch.stack((kd * 0.4 - 1, ks * 0.4 - 1, alpha * 0.4 + 1), 2)
+        features = nn.functional.silu(self.from_channel(seen))
+        shared = self.from_pooled(torch.cat((features.mean(1), features.amax(1)), 1))
+        each = torch.cat((features, shared[:, None].expand(-1, 3, -1)), 2)
+        return Latents(self.from_each(each), shared)
 
     def decode(self, latents: Latents, angles: Tensor) -> Tensor:
         """f [N, M, 3] at `angles` [M, 3]."""

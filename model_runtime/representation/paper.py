@@ -9,10 +9,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ..brdf import torrance_sparrow
 from ..brdf.half_angle import above_horizon, network_input
 from .latents import Latents, inverse_log_transform, log_transform
 
 __all__ = ("JointRepresentation", "PaperConfig", "PaperRepresentation")
+
+
+_PARAMETRIC_SAMPLES = 256
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,12 @@ class PaperRepresentation(nn.Module):
         if self.training:
             mean = mean + torch.randn_like(mean) * (0.5 * log_variance.clamp(-20, 4)).exp()
         return Latents(color, mean)
+
+    def encode_parameters(self, states: Tensor) -> Latents:
+        """Latents of Torrance-Sparrow materials, `states` [N, 7] = (kd, ks, alpha), sampled."""
+        angles = self.sample_angles(_PARAMETRIC_SAMPLES)
+        kd, ks, alpha = states[:, :3], states[:, 3:6], states[:, 6]
+        return self.encode(angles, torrance_sparrow.evaluate(kd, ks, alpha, angles))
 
     def decode(self, latents: Latents, angles: Tensor) -> Tensor:
         """f [N, M, 3] at `angles` [M, 3]."""
