@@ -55,8 +55,8 @@ def roll_out(
 ) -> Histories:
     """The histories of `entries` [P, 7] under the model of change `rung` of `ntm`.
 
-    Parameters are rolled out as they are. Latents are encoded from the entries' parameters or, where
-    it is given, from `samples` directions of them (`measured`, then the only entry, always is
+    Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
+    `samples` directions of them where that is given (`measured`, then the only entry, always is
     sampled), rolled out, decoded and fitted at every age. `step` hears which share is done.
     """
     model = ntm.rung(rung)

@@ -192,6 +192,78 @@ def test_equal_texels_are_equal_wherever_they_stand_in_a_batch(model):
     torch.testing.assert_close(flat, flat[:1].expand_as(flat), rtol=1e-5, atol=1e-6)
 
 
+class TestLobes:
+    @pytest.mark.parametrize("m", [1, 16, 257])
+    def test_fewer_samples_are_the_first_of_the_more(self, m: int):
+        model = build("lobes")
+        assert torch.equal(model.sample_angles(m), model.sample_angles(16_200)[:m])
+
+    def test_every_direction_is_there_once_and_above_the_horizon(self):
+        angles = build("lobes").sample_angles(16_200)
+        assert len(torch.unique(angles, dim=0)) == len(angles) == 258
+        assert bool(above_horizon(angles).all())
+
+    def test_a_sample_that_was_not_taken_is_one_that_is_missing(self, lobes):
+        angles = lobes.sample_angles(16_200)
+        f = materials(angles)
+        few = lobes.encode(angles[:40], f[:, :40]).flat()
+        f[:, 40:] = math.nan
+        assert torch.equal(lobes.encode(angles, f).flat(), few)
+
+    def test_a_channel_that_is_missing_leaves_no_trace_in_the_pool(self, lobes):
+        """Whatever stands in it, and however large."""
+        angles = lobes.sample_angles(16_200)
+        f = materials(angles)
+        one, other = f.clone(), f.clone()
+        one[..., 1], other[..., 1] = math.nan, math.inf
+        assert torch.equal(lobes.encode(angles, one).flat(), lobes.encode(angles, other).flat())
+
+    def test_nothing_known_is_still_a_material(self, lobes):
+        angles = lobes.sample_angles(16_200)
+        latents = lobes.encode(angles, torch.full((2, len(angles), 3), math.nan))
+        assert bool(torch.isfinite(lobes.decode(latents, visible())).all())
+
+    @pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1)])
+    def test_parameters_of_permuted_channels(self, lobes, order):
+        g = torch.Generator().manual_seed(2)
+        states = torch.rand(9, 7, generator=g)
+        permuted = torch.cat(
+            (states[:, list(order)], states[:, 3:6][:, list(order)], states[:, 6:]), 1
+        )
+        one, other = (lobes.encode_parameters(s) for s in (states, permuted))
+        torch.testing.assert_close(other.color, one.color[:, list(order)], rtol=1e-4, atol=1e-5)
+        torch.testing.assert_close(other.shared, one.shared, rtol=1e-4, atol=1e-5)
+
+    @pytest.mark.parametrize(
+        ("kd", "ks", "alpha"), [(0, 0, 0), (1e6, 1e6, 10), (0.5, 1e-9, 1e-9), (-0.1, -1, -1)]
+    )
+    def test_parameters_out_of_range_give_latents(self, lobes, kd, ks, alpha):
+        latents = lobes.encode_parameters(torch.tensor([[kd] * 3 + [ks] * 3 + [alpha]]))
+        assert bool(torch.isfinite(latents.flat()).all())
+
+
+class TestJoint:
+    """BRDFNPs, the ablation: nothing is split by channel, so nothing is said about permutations."""
+
+    def test_all_latents_are_shared(self):
+        torch.manual_seed(1)
+        model = build("brdfnps").eval()
+        assert model.latent_sizes == (0, 10)
+        latents = encoded(model)
+        assert latents.color.shape == (10, 3, 0)
+        assert latents.flat().shape == (10, 10)
+        assert torch.equal(latents.unflat(latents.flat()).shared, latents.shared)
+        assert model.decode(latents, visible()).shape == (10, len(visible()), 3)
+
+    def test_it_sees_the_channels_in_their_order(self):
+        torch.manual_seed(1)
+        model = build("brdfnps").eval()
+        one, other = (
+            encoded(model, lambda a, o=o: materials(a)[..., o]) for o in ([0, 1, 2], [2, 1, 0])
+        )
+        assert not torch.allclose(one.shared, other.shared, rtol=1e-3)
+
+
 class TestPaper:
     def test_z_rgb_is_the_channel_median_of_the_transformed_values(self):
         model = PaperRepresentation().eval()

@@ -58,7 +58,7 @@ class Killed(BaseException):
 def fast_clock(step: float) -> SimpleNamespace:
     """Every look at it is `step` seconds after the last."""
     now = iter(range(10**9))
-    return SimpleNamespace(monotonic=lambda: next(now) * step)
+    return SimpleNamespace(monotonic=lambda: next(now) * step, process_time=time.process_time)
 
 
 @pytest.fixture
@@ -84,7 +84,8 @@ def interrupted(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 def small(name: str, **changes) -> encoder.EncoderConfig:
     """A recipe of a second, otherwise as `name`."""
-    sizes = {"iterations": 14, "batch": 8, "targets": 16, "warm_up": 3}
+    sizes = {"iterations": 14, "batch": 8, "targets": 16, "warm_up": 3, "looks": 0}
+    sizes["distillation"] = 2
     if name == "paper":
         sizes["samples"] = 12
     return replace(CONFIGS[name], **sizes | changes)

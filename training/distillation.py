@@ -15,7 +15,6 @@ from .data.analytic import random_torrance_sparrow
 
 __all__ = ("distil", "random_states")
 
-_ITERATIONS = 6_000
 _BATCH = 256
 _RATE = 2e-3
 
@@ -30,7 +29,7 @@ def random_states(n: int, g: torch.Generator) -> Tensor:
     return torch.cat((torch.cat((kd, ks, alpha[:, None]), 1), anything))
 
 
-def distil(model: LobeRepresentation, *, seed: int, iterations: int = _ITERATIONS) -> None:
+def distil(model: LobeRepresentation, *, seed: int, iterations: int) -> None:
     """Train `model.encode_parameters` to give what `model.encode` gives; changes nothing else."""
     g = torch.Generator().manual_seed(seed)
     angles = model.sample_angles(len(model.encoder_angles))

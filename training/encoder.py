@@ -28,9 +28,6 @@ from .progress import Progress
 __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
 
 
-_LOOKS = 20
-"""How often a run measures itself on seen and unseen materials; its clock stops meanwhile."""
-
 _DIRECTIONS = 16_200
 """The paper's number of samples of a BRDF."""
 
@@ -69,6 +66,10 @@ class EncoderConfig:
     """Share of the measured materials that are bent, mixed and recoloured."""
     torrance_sparrow: float
     """Share of a batch; half of it is measured, the rest Disney."""
+    looks: int
+    """How often the run measures itself on seen and unseen materials; its clock stops meanwhile."""
+    distillation: int
+    """Iterations in which the short cut from parameters to latents is learned afterwards."""
 
 
 CONFIGS = {
@@ -87,6 +88,8 @@ CONFIGS = {
         damaged=0.35,
         bent=0.65,
         torrance_sparrow=0.25,
+        looks=20,
+        distillation=6_000,
     ),
     "paper": EncoderConfig(
         representation="paper",
@@ -103,6 +106,8 @@ CONFIGS = {
         damaged=0.0,
         bent=0.0,
         torrance_sparrow=0.0,
+        looks=20,
+        distillation=0,
     ),
 }
 _SHORT = replace(
@@ -210,7 +215,7 @@ def train_encoder(
     elif minutes is not None:
         record["iterations"] = _iterations_in(minutes, model, recipe, measured)
     writer = SummaryWriter(output.with_suffix(".tensorboard"))
-    progress = Progress.load(data_folder())
+    progress = Progress.load(data_folder()) if recipe.looks else None
     start, saved = time.process_time() - record["seconds"], time.monotonic()
     bar = tqdm(range(record["step"], record["iterations"]), initial=record["step"])
     bar.total = record["iterations"]
@@ -229,7 +234,8 @@ def train_encoder(
             smooth = value if smooth is None else 0.95 * smooth + 0.05 * value
             bar.set_postfix_str(f"loss {smooth:.4f}", refresh=False)
             writer.add_scalar("loss", value, step)
-        if (step + 1) * _LOOKS // record["iterations"] > step * _LOOKS // record["iterations"]:
+        looked, due = (at * recipe.looks // record["iterations"] for at in (step, step + 1))
+        if progress is not None and due > looked:
             paused = time.process_time()
             scores = progress.scores(model.eval())
             model.train()
@@ -246,7 +252,7 @@ def train_encoder(
     record |= {"step": record["iterations"], "seconds": time.process_time() - start}
     save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
     if isinstance(model, LobeRepresentation):
-        distil(model, seed=seed)
+        distil(model, seed=seed, iterations=recipe.distillation)
     options = f"--config {config} --seed {seed}"
     options += f" --minutes {minutes:g}" if minutes is not None else ""
     save_model(
