@@ -19,7 +19,14 @@ from ..data.analytic import random_torrance_sparrow
 from .metric import Sphere, psnr
 from .probes import SAMPLES, SEED, analytic_groups, measured_groups, reflecting, together
 
-__all__ = ("DAMAGES", "Damage", "measure_stability", "read_what_is_there", "stability_chart")
+__all__ = (
+    "DAMAGES",
+    "Damage",
+    "coarse",
+    "measure_stability",
+    "read_what_is_there",
+    "stability_chart",
+)
 
 _KNOWS_GAPS = ("lobes",)
 """Representations that take NaN for a sample that is missing."""
@@ -57,7 +64,7 @@ def _fireflies(angles: Tensor, f: Tensor, count: float, g: torch.Generator) -> T
 
 def _second_channel(angles: Tensor, f: Tensor, factor: float, g: torch.Generator) -> Tensor:
     """The second channel times `factor`; NaN for none."""
-    return f * torch.tensor((1.0, factor, 1.0))
+    return f * f.new_tensor((1.0, factor, 1.0))
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,7 @@ def read_what_is_there(model: Trained, angles: Tensor, f: Tensor) -> Latents | N
     return model.encode(angles[whole], f[:, whole])
 
 
-def _coarse(states: Sequence[Tensor], bits: int) -> tuple[Tensor, Tensor, Tensor]:
+def coarse(states: Sequence[Tensor], bits: int) -> tuple[Tensor, Tensor, Tensor]:
     """(kd, ks, alpha) as maps of `bits` bits hold them: kd in sRGB, ks linear, alpha's root."""
     kd, ks, alpha = states
     steps = 2**bits - 1
@@ -147,7 +154,7 @@ class _Curve:
         if latents is None:
             self.points.append(None)
             return
-        shown = self.sphere.render(lambda angles: self.model.decode(latents, angles))
+        shown = self.sphere.render(lambda angles: self.model.decode(latents, angles), chunk=4)
         kept = list(self.channels)
         score = psnr(self.truth[..., kept], shown[..., kept]).mean(1)
         moved = (latents.flat() - self.clean.flat()).norm(dim=1) / self.spread
@@ -177,7 +184,7 @@ def measure_stability(model: Trained, data: Path, sphere: Sphere) -> dict[str, A
     angles = model.sample_angles(SAMPLES)
     f = some.evaluate(angles)
     clean = model.encode(angles, f)
-    truth = sphere.render(some.evaluate)
+    truth = sphere.render(some.evaluate, chunk=4)
     report = {}
     for name, damage in DAMAGES.items():
         curve = _Curve(model, sphere, truth, clean, damage.channels)
@@ -192,13 +199,13 @@ def measure_stability(model: Trained, data: Path, sphere: Sphere) -> dict[str, A
 def _measure_bits(model: Trained, sphere: Sphere) -> dict[str, Any]:
     states = random_torrance_sparrow(12, torch.Generator().manual_seed(SEED + 2))
     fine = reflecting(("",) * 12, *states)
-    truth = sphere.render(fine.evaluate)
+    truth = sphere.render(fine.evaluate, chunk=4)
     curve = _Curve(model, sphere, truth, fine.encoded(model), (0, 1, 2))
     itself = [100.0]
     for bits in _BITS:
-        coarse = reflecting(fine.names, *_coarse(states, bits))
-        curve.add(f"{bits} bit", coarse.encoded(model))
-        itself.append(float(psnr(truth, sphere.render(coarse.evaluate)).mean()))
+        stored = reflecting(fine.names, *coarse(states, bits))
+        curve.add(f"{bits} bit", stored.encoded(model))
+        itself.append(float(psnr(truth, sphere.render(stored.evaluate, chunk=4)).mean()))
     return curve.json() | {"input": [round(value, 3) for value in itself]}
 
 

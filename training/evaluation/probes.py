@@ -32,6 +32,9 @@ SAMPLES = 1024
 SEED = 20240715
 
 
+Evaluate = Callable[[Tensor], Tensor]
+
+
 @dataclass(frozen=True)
 class Group:
     """Named materials of one kind: `evaluate`(angles [M, 3]) -> f [n, M, 3]."""
@@ -79,9 +82,7 @@ def analytic_groups() -> dict[str, Group]:
             tuple(f"{kind} {a:g}" for kind in ("gold", "paint") for a in alphas.tolist()), *mirrors
         ),
         "bright": reflecting(("kd 1.5", "kd .8 ks 1.2", "ks 2"), *bright),
-        "black": reflecting(
-            ("black",), torch.zeros(1, 3), torch.zeros(1, 3), torch.tensor([0.5])
-        ),
+        "black": reflecting(("black",), torch.zeros(1, 3), torch.zeros(1, 3), torch.tensor([0.5])),
     }
 
 

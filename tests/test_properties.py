@@ -1,0 +1,389 @@
+"""What the bundled encoder promises beside accuracy, and that the measures of it are right."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib import image
+
+from model_runtime.brdf import disney, torrance_sparrow
+from model_runtime.brdf.half_angle import above_horizon, cosines, from_directions
+from model_runtime.representation import Trained, build, load_representation
+from training.data.analytic import random_disney, random_torrance_sparrow
+from training.evaluation import damages, properties
+from training.evaluation.albedo import INCIDENCES, Albedos
+from training.evaluation.metric import Sphere
+from training.evaluation.probes import Group, analytic_groups, measured_groups, reflecting, together
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+SEEDS = st.integers(0, 2**31)
+ALPHAS = torch.tensor((1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0))
+
+
+@pytest.fixture(scope="module")
+def model() -> Iterator[Trained]:
+    with torch.no_grad():
+        yield load_representation()[0]
+
+
+@pytest.fixture(scope="module")
+def analytic() -> Group:
+    return together(analytic_groups())
+
+
+@pytest.fixture(scope="module")
+def measured(data_folder: Path) -> Group:
+    return together(measured_groups(data_folder))
+
+
+@pytest.fixture(scope="module")
+def sphere(data_folder: Path) -> Sphere:
+    return Sphere.load(data_folder / "hdri", pixels=16, height=16, width=32)
+
+
+def drawn(seed: int) -> Group:
+    """Three of Disney's and three Torrance-Sparrow materials."""
+    g = torch.Generator().manual_seed(seed)
+    parameters, states = random_disney(3, g), random_torrance_sparrow(3, g)
+    names = tuple("abcdef")
+    return Group(
+        names,
+        lambda angles: torch.cat(
+            (
+                disney.evaluate(parameters, angles),
+                torrance_sparrow.evaluate(*states, angles),
+            )
+        ),
+    )
+
+
+class TestColourPermutation:
+    """It permutes the colour latents and the decoded channels, and changes nothing else."""
+
+    def check(self, model: Trained, group: Group) -> None:
+        changes = properties.colour_permutation(model, group)
+        for name in ("shared", "color", "decoded"):
+            assert changes[name] < 1e-5, name
+            assert changes[f"exact_{name}"] < 1e-11, name
+
+    @settings(max_examples=5, deadline=None)
+    @given(SEEDS)
+    def test_of_any_material(self, model: Trained, seed: int):
+        self.check(model, drawn(seed))
+
+    def test_of_mirrors_white_and_black(self, model: Trained, analytic: Group):
+        self.check(model, analytic)
+
+    def test_of_measured_materials(self, model: Trained, measured: Group):
+        self.check(model, measured)
+
+    def test_what_depends_on_the_order_is_noticed(self, analytic: Group):
+        """BRDFNPs has no colour latents: all that it knows changes."""
+        torch.manual_seed(0)
+        joint = build("brdfnps").eval().requires_grad_(False)
+        assert properties.colour_permutation(joint, analytic.first(4))["exact_shared"] > 0.01
+
+
+class TestReciprocity:
+    """Light and eye may be exchanged: exactly, so that double precision leaves nothing."""
+
+    @settings(max_examples=5, deadline=None)
+    @given(SEEDS)
+    def test_of_any_material(self, model: Trained, seed: int):
+        found = properties.reciprocity(model, drawn(seed))
+        assert found["single"] < 2e-5
+        assert found["exact"] < 1e-8
+
+    def test_of_mirrors_white_and_black(self, model: Trained, analytic: Group):
+        found = properties.reciprocity(model, analytic)
+        assert found["single"] < 2e-5
+        assert found["exact"] < 1e-8
+
+
+class TestRange:
+    """Finite and not negative, from mirror peaks to 89.9 degrees."""
+
+    def test_the_grid_reaches_both(self):
+        angles = properties.everywhere().double()
+        cos_i, cos_o, _, _ = cosines(angles)
+        assert bool(above_horizon(angles).all())
+        lowest = torch.maximum(cos_i.acos(), cos_o.acos()).rad2deg().max()
+        assert float(lowest) == pytest.approx(89.9, abs=0.01)
+        assert int((angles[:, 0] < 1e-7).sum()) >= 8
+
+    @settings(max_examples=5, deadline=None)
+    @given(SEEDS)
+    def test_of_any_material(self, model: Trained, seed: int):
+        found = properties.range_of_values(model, drawn(seed))
+        assert found["finite"] and found["min"] >= 0
+
+    def test_of_mirrors_white_and_black(self, model: Trained, analytic: Group):
+        found = properties.range_of_values(model, analytic)
+        assert found["finite"] and found["min"] >= 0
+
+    def test_of_measured_materials(self, model: Trained, measured: Group):
+        found = properties.range_of_values(model, measured)
+        assert found["finite"] and found["min"] >= 0
+
+
+class TestAlbedos:
+    """The quadrature, against results worked out otherwise."""
+
+    def test_of_a_lambertian(self):
+        found = Albedos.of(lambda angles: torch.full((1, len(angles), 3), 0.7 / math.pi))
+        torch.testing.assert_close(found.directional, torch.full((1, len(INCIDENCES), 3), 0.7))
+        torch.testing.assert_close(found.diffuse, torch.full((1, 3), 0.7))
+
+    def test_of_unshadowed_mirrors_seen_along_the_normal(self):
+        """GGX without G reflects what lies within 45 degrees: the integral of D cos is
+        1 / (1 + alpha^2) in closed form.
+        """
+
+        def unshadowed(angles: torch.Tensor) -> torch.Tensor:
+            cos_i, cos_o, _, _ = cosines(angles)
+            sin2, a2 = angles[:, 0].sin().square(), ALPHAS[:, None].square()
+            density = a2 / (math.pi * (sin2 + a2 * (1 - sin2)).square())
+            return (density / (4 * cos_i * cos_o))[..., None].expand(-1, -1, 3)
+
+        found = Albedos.of(unshadowed).directional[:, 0, 0]
+        torch.testing.assert_close(found, 1 / (1 + ALPHAS.square()), rtol=1e-4, atol=0)
+
+    def test_of_a_rough_metal_added_up_over_the_sphere(self):
+        alpha, theta_i = 0.3, math.radians(60)
+        polar = (np.arange(1000) + 0.5) * np.pi / 2000
+        turn = (np.arange(1000) + 0.5) * np.pi / 1000
+        sin_o, phi = np.meshgrid(np.sin(polar), turn, indexing="ij")
+        cos_o = np.cos(polar)[:, None] + 0 * phi
+        wi = np.array((math.sin(theta_i), 0, math.cos(theta_i)))
+        wo = np.stack((sin_o * np.cos(phi), sin_o * np.sin(phi), cos_o), -1)
+        half = (wi + wo) / np.linalg.norm(wi + wo, axis=-1, keepdims=True)
+        density = alpha**2 / (np.pi * (half[..., 2] ** 2 * (alpha**2 - 1) + 1) ** 2)
+        masking = [2 / (1 + np.sqrt(1 + alpha**2 * (1 / c**2 - 1))) for c in (wi[2], cos_o)]
+        f = density * masking[0] * masking[1] / (4 * wi[2] * cos_o)
+        expected = 2 * (f * cos_o * sin_o).sum() * (np.pi / 2000) * (np.pi / 1000)
+        metal = reflecting(("",), torch.zeros(1, 3), torch.ones(1, 3), torch.tensor([alpha]))
+        found = Albedos.of(metal.evaluate).directional[0, INCIDENCES.index(60.0), 0]
+        assert float(found) == pytest.approx(expected, rel=1e-4)
+
+    def test_has_converged(self, analytic: Group, measured: Group):
+        for group in (analytic, measured):
+            one = Albedos.of(group.evaluate)
+            other = Albedos.of(group.evaluate, rings=80, turns=96)
+            torch.testing.assert_close(one.directional, other.directional, rtol=0, atol=5e-3)
+            torch.testing.assert_close(one.diffuse, other.diffuse, rtol=0, atol=1e-3)
+
+
+class TestEnergy:
+    """Decoding adds at most 2 % of the incident light to what the input gives back."""
+
+    @pytest.mark.parametrize("kind", ["torrance_sparrow", "mirrors", "bright", "black"])
+    def test_from_every_direction(self, model: Trained, kind: str):
+        assert properties.energy(model, analytic_groups()[kind])["excess"] < 0.02
+
+    def test_from_everywhere_at_once(self, model: Trained, analytic: Group):
+        assert properties.energy(model, analytic)["diffuse_excess"] < 0.02
+
+    def test_of_measured_materials(self, model: Trained, measured: Group):
+        """Unseen ones are not known that well near grazing, where single directions exceed 2 %;
+        most directions, and light from everywhere, must not.
+        """
+        found = properties.energy(model, measured)
+        assert found["mean"] < 0.02
+        assert found["over_two_percent"] < 0.35
+        assert found["diffuse_excess"] < 0.04
+
+    def test_added_light_is_noticed(self, analytic: Group):
+        """A decoder of twice the light exceeds by as much as the input's albedo."""
+
+        class Brighter:
+            name = "brighter"
+
+            def sample_angles(self, m: int) -> torch.Tensor:
+                return torch.zeros(1, 3)
+
+            def encode(self, angles: torch.Tensor, f: torch.Tensor) -> None:
+                return None
+
+            def decode(self, latents: None, angles: torch.Tensor) -> torch.Tensor:
+                return 2 * analytic.evaluate(angles)
+
+        found = properties.energy(Brighter(), analytic)  # pyright: ignore[reportArgumentType]
+        assert found["excess_relative"] == pytest.approx(1, abs=1e-5)
+        assert found["diffuse_excess"] > 1
+
+
+class TestDamages:
+    """The damages are what they say."""
+
+    angles = build("lobes").sample_angles(258)
+    f = drawn(5).evaluate(angles)
+
+    def ruined(self, name: str, severity: float) -> torch.Tensor:
+        g = torch.Generator().manual_seed(1)
+        return damages.DAMAGES[name].ruin(self.angles, self.f, severity, g)
+
+    def test_fewer_samples(self):
+        f = self.ruined("samples", 64)
+        assert torch.equal(f[:, :64], self.f[:, :64])
+        assert bool(f[:, 64:].isnan().all())
+
+    def test_no_grazing_samples(self):
+        kept = self.ruined("grazing", 60)[0, :, 0].isfinite()
+        cos_i, cos_o, _, _ = cosines(self.angles)
+        assert float(torch.minimum(cos_i, cos_o)[kept].min()) >= 0.5 - 1e-6
+        assert torch.equal(kept, torch.minimum(cos_i, cos_o) >= 0.5)
+        assert 20 < int(kept.sum()) < 200
+
+    def test_noise(self):
+        ratio = self.ruined("noise", 5) / self.f
+        assert float(ratio.mean()) == pytest.approx(1, abs=0.005)
+        assert float(ratio.std()) == pytest.approx(0.05, rel=0.05)
+
+    def test_fireflies(self):
+        ratio = (self.ruined("fireflies", 3) / self.f).round()
+        assert ratio.eq(100).sum((1, 2)).tolist() == [9] * len(self.f)
+        assert bool(((ratio == 1) | (ratio == 100)).all())
+
+    @given(st.floats(0, 1), st.floats(0, 1), st.floats(1e-4, 1))
+    def test_eight_bits(self, kd: float, ks: float, alpha: float):
+        states = (torch.full((1, 3), kd), torch.full((1, 3), ks), torch.tensor([alpha]))
+        coarse = damages.coarse(states, 8)
+        by_hand = 12.92 * kd if kd <= 0.0031308 else 1.055 * kd ** (1 / 2.4) - 0.055
+        again = float(coarse[0][0, 0])
+        again = 12.92 * again if again <= 0.0031308 else 1.055 * again ** (1 / 2.4) - 0.055
+        assert again * 255 == pytest.approx(round(again * 255), abs=1e-2)
+        assert abs(again - by_hand) < 0.5 / 255 + 1e-5
+        assert abs(float(coarse[1][0, 0]) - ks) < 0.5 / 255 + 1e-6
+        assert abs(math.sqrt(float(coarse[2])) - math.sqrt(alpha)) < 0.5 / 255 + 1e-6
+
+    def test_an_encoder_without_gaps_reads_a_shorter_list(self):
+        torch.manual_seed(0)
+        paper = build("paper").eval().requires_grad_(False)
+        angles = paper.sample_angles(50)
+        f = drawn(5).evaluate(angles)
+        shorter = f.clone()
+        shorter[:, 20:] = torch.nan
+        found = damages.read_what_is_there(paper, angles, shorter)
+        assert found is not None
+        expected = paper.encode(angles[:20], f[:, :20])
+        assert torch.equal(found.flat(), expected.flat())
+        f[..., 1] = torch.nan
+        assert damages.read_what_is_there(paper, angles, f) is None
+
+
+@pytest.fixture(scope="module")
+def stability(model: Trained, data_folder: Path, sphere: Sphere):
+    torch.set_num_threads(1)
+    return damages.measure_stability(model, data_folder, sphere)
+
+
+class TestStability:
+    """What damaged input costs, in dB of the mean over materials: the sharper the undamaged
+    picture, the more, so that these bounds are for a mean of 45 dB and some margin.
+    """
+
+    @pytest.mark.parametrize(
+        ("damage", "label", "loss"),
+        [
+            ("samples", "128", 5.0),
+            ("samples", "64", 6.0),
+            ("samples", "32", 7.0),
+            ("samples", "16", 14.0),
+            ("grazing", "80°", 4.0),
+            ("grazing", "60°", 11.0),
+            ("grazing", "50°", 14.0),
+            ("noise", "5 %", 3.0),
+            ("noise", "20 %", 9.0),
+            ("fireflies", "1", 7.0),
+            ("fireflies", "3", 12.0),
+            ("fireflies", "10", 20.0),
+            ("bad_channel", "missing", 1.5),
+            ("bad_channel", "x10", 8.0),
+            ("bad_channel", "zero", 17.0),
+            ("bits", "8 bit", 5.0),
+        ],
+    )
+    def test_costs_little(self, stability, damage: str, label: str, loss: float):
+        curve = stability[damage]
+        assert curve["mean"][0] - curve["mean"][curve["labels"].index(label)] < loss
+
+    @pytest.mark.parametrize(
+        ("damage", "label", "share"),
+        [
+            ("samples", "64", 0.3),
+            ("grazing", "80°", 0.3),
+            ("noise", "5 %", 0.1),
+            ("fireflies", "1", 0.2),
+            ("bits", "8 bit", 0.05),
+        ],
+    )
+    def test_latents_stay_near(self, stability, damage: str, label: str, share: float):
+        """`share` of the median distance between two materials."""
+        curve = stability[damage]
+        assert curve["displacement"][curve["labels"].index(label)] < share
+
+    def test_the_chart_shows_every_damage_and_leaves_holes(self, stability, tmp_path: Path):
+        holed = {**stability, "bad_channel": dict(stability["bad_channel"])}
+        holed["bad_channel"]["mean"] = [30.0, None, 20.0, 10.0]
+        path = tmp_path / "charts" / "stability.png"
+        properties.stability_chart(
+            {"ours": {"stability": stability}, "b": {"stability": holed}}, path
+        )
+        pixels = image.imread(path)[..., :3]
+        assert pixels.shape[1] > 1000
+        assert float(pixels.std()) > 0.05
+
+
+@pytest.mark.parametrize("kind", ["analytic", "measured"])
+def test_batches_and_threads_change_nothing(
+    model: Trained, kind: str, request: pytest.FixtureRequest
+):
+    found = properties.agreement(model, request.getfixturevalue(kind))
+    assert found["latents"] < 1e-5
+    assert found["decoded"] < 1e-5
+
+
+def test_latents_of_similar_materials_are_near(model: Trained, sphere: Sphere):
+    assert properties.neighbourhood(model, sphere)["rank_correlation"] > 0.6
+
+
+def test_distances_that_mean_nothing_do_not_correlate(sphere: Sphere):
+    """Of an encoder that was never trained."""
+
+    class Anything:
+        name = "anything"
+
+        def sample_angles(self, m: int) -> torch.Tensor:
+            return from_directions(torch.eye(3)[2:], torch.eye(3)[2:])
+
+        def encode(self, angles: torch.Tensor, f: torch.Tensor) -> damages.Latents:
+            g = torch.Generator().manual_seed(2)
+            noise = torch.randn(len(f), 12, generator=g)
+            return damages.Latents(noise.new_zeros(len(f), 3, 0), noise)
+
+    found = properties.neighbourhood(Anything(), sphere)  # pyright: ignore[reportArgumentType]
+    assert abs(found["rank_correlation"]) < 0.2
+
+
+def test_everything_is_ready_for_json(model: Trained, data_folder: Path):
+    """Few pixels: the shape of the report, not its numbers."""
+    report = properties.measure_properties(model, data_folder, pixels=4)
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert set(report) == {
+        "colour_permutation",
+        "reciprocity",
+        "range",
+        "energy",
+        "agreement",
+        "neighbourhood",
+        "stability",
+    }
