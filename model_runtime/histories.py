@@ -90,7 +90,9 @@ def _encode(
 ) -> Latents:
     if measured is None and samples is None:
         return representation.encode_parameters(entries)
-    angles = representation.sample_angles(samples or _MEASURED_SAMPLES)
+    angles = representation.sample_angles(
+        samples or _MEASURED_SAMPLES, measured=measured is not None
+    )
     if measured is not None:
         return representation.encode(angles, measured.evaluate(angles)[None])
     return representation.encode(

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from model_runtime.brdf import disney, torrance_sparrow
-from model_runtime.brdf.half_angle import above_horizon, directions, from_directions
+from model_runtime.brdf.half_angle import above_horizon, cosines, directions, from_directions
 from model_runtime.errors import ModelFileError
 from model_runtime.package import ENCODER, hash_tensors, save_model
 from model_runtime.representation import build, load_representation
@@ -209,6 +209,34 @@ class TestLobes:
         few = lobes.encode(angles[:40], f[:, :40]).flat()
         f[:, 40:] = math.nan
         assert torch.equal(lobes.encode(angles, f).flat(), few)
+
+    def test_the_order_of_samples_does_not_matter(self, lobes):
+        angles = lobes.sample_angles(16_200, measured=True)
+        f, order = materials(angles), torch.randperm(len(angles))
+        one, other = lobes.encode(angles, f), lobes.encode(angles[order], f[:, order])
+        assert torch.equal(one.flat(), other.flat())
+
+    def test_a_measurement_is_not_asked_near_grazing(self, lobes):
+        cos_i, cos_o, _, _ = cosines(lobes.sample_angles(16_200, measured=True))
+        assert float(torch.minimum(cos_i, cos_o).min()) >= 0.2
+
+    def test_a_firefly_is_as_good_as_missing(self, lobes):
+        angles = lobes.sample_angles(16_200)
+        f = materials(angles)
+        bright, missing = f.clone(), f.clone()
+        bright[:, 200], missing[:, 200] = 1e4, math.nan
+        assert torch.equal(
+            lobes.encode(angles, bright).flat(), lobes.encode(angles, missing).flat()
+        )
+
+    @pytest.mark.parametrize("alpha", [1e-4, 1e-3, 0.01, 0.1])
+    def test_a_mirror_is_no_firefly(self, lobes, alpha: float):
+        angles = lobes.sample_angles(16_200)
+        f = torrance_sparrow.evaluate(
+            torch.zeros(1, 3), torch.ones(1, 3), torch.tensor([alpha]), angles
+        )
+        known = torch.ones(1, 3, len(angles), dtype=torch.bool)
+        assert not bool(lobes._fireflies(f.transpose(1, 2), known).any())
 
     def test_a_channel_that_is_missing_leaves_no_trace_in_the_pool(self, lobes):
         """Whatever stands in it, and however large."""

@@ -159,10 +159,11 @@ def training_loss(
     pixel_angles, weights = sphere_angles(config.pixels, 64, g)
     angles = torch.cat((asked, targets, pixel_angles))
     with torch.no_grad():
-        truth = torch.cat([evaluate(angles) for evaluate in sources]).clamp(0, 5000)
+        truth = torch.cat([evaluate(angles) for evaluate in sources]).clamp(0, 1e5)
     seen, truth = truth[:, : len(asked)], truth[:, len(asked) :]
     if config.damaged:
-        seen = damage(asked, seen, config.damaged, g)
+        measured_rows = config.batch - config.batch // 2
+        seen = damage(asked, seen, config.damaged, g, measured=measured_rows)
     latents = model.encode(asked, seen)
     decoded = model.decode(_noisy(latents, config.latent_noise, g), angles[len(asked) :])
     m = len(targets)
@@ -175,7 +176,8 @@ def training_loss(
     ]
     error = tone_map(shown[0] + 1e-4) - tone_map(shown[1] + 1e-4)
     size = latents.color.square().mean() + latents.shared.square().mean()
-    return loss + 4 * error.abs().mean() + 1e-4 * size
+    excess = (shown[0] - shown[1]).clamp(0, 1)
+    return loss + 4 * error.abs().mean() + excess.mean() + 1e-4 * size
 
 
 def train_encoder(

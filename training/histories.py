@@ -125,7 +125,7 @@ def _mixture_histories(
         return lambda w: torch.lerp(pure[:1], pure[1:], w[..., None])
 
     share = torch.from_numpy(weights).float().transpose(0, 1).contiguous()
-    angles, wanted = representation.sample_angles(_SAMPLES), fit_angles()
+    angles, wanted = representation.sample_angles(_SAMPLES, measured=True), fit_angles()
     latents = _encode(share, mixed(angles), representation, angles)
     values = mixed(wanted)
     fits = [

@@ -53,7 +53,7 @@ class Progress:
     @torch.no_grad()
     def scores(self, model: Representation) -> dict[str, float]:
         """Mean PSNR in dB of each set."""
-        angles = model.sample_angles(_SAMPLES)
+        angles = model.sample_angles(_SAMPLES, measured=True)
         result = {}
         for name, (networks, truth) in self.sets.items():
             latents = model.encode(angles, _all(networks, angles))

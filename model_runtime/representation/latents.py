@@ -43,8 +43,8 @@ class Representation(Protocol):
         """How many latents the three channels have together, and how many are shared."""
         ...
 
-    def sample_angles(self, m: int) -> Tensor:
-        """About `m` directions [m', 3] at which `encode` wants the BRDF."""
+    def sample_angles(self, m: int, *, measured: bool = False) -> Tensor:
+            """About `m` directions [m', 3] at which `encode` wants a BRDF, which may be `measured`."""
         ...
 
     def encode(self, angles: Tensor, f: Tensor) -> Latents:

@@ -19,11 +19,19 @@ from torch import Tensor, nn
 from ..brdf.half_angle import above_horizon, cosines, network_input
 from .latents import Latents
 
-__all__ = ("LobeConfig", "LobeRepresentation", "compress", "expand")
+__all__ = ("TRUSTED_COSINE", "LobeConfig", "LobeRepresentation", "compress", "expand")
 
 FLOOR = 0.01
 """Reflectance (1/sr) below which differences stop mattering: a hundredth is a near-black diffuse.
 """
+
+
+TRUSTED_COSINE = 0.2
+"""Least cosine of light and eye (78.5 degrees) at which a measurement is read: what files say of
+directions closer to grazing is extrapolation, and misleads an encoder about all the rest."""
+
+_FIREFLY = 12
+"""A sample so many times as bright as seven of its eight neighbours is an error."""
 
 
 def compress(f: Tensor) -> Tensor:
@@ -83,6 +91,7 @@ class LobeRepresentation(nn.Module):
     name = "lobes"
 
     encoder_angles: Tensor
+    neighbours: Tensor
 
     def __init__(self, config: LobeConfig = LobeConfig()) -> None:
         super().__init__()
@@ -93,7 +102,13 @@ class LobeRepresentation(nn.Module):
             config.lobes,
             config.width,
         )
-        self.register_buffer("encoder_angles", encoder_directions(), persistent=False)
+        angles = encoder_directions()
+        place = torch.stack(
+            (torch.log(angles[:, 0] + 0.003) * 0.35, angles[:, 1] / 1.5, angles[:, 2] / math.pi), 1
+        )
+        near = torch.cdist(place, place).fill_diagonal_(math.inf).argsort(1)[:, :8]
+        self.register_buffer("encoder_angles", angles, persistent=False)
+        self.register_buffer("neighbours", near, persistent=False)
         self.per_channel = _mlp(2 * len(self.encoder_angles), width, width)
         self.to_shared = _mlp(2 * width, width, d)
         self.to_color = _mlp(width + d, width // 2, k)
@@ -118,19 +133,30 @@ class LobeRepresentation(nn.Module):
         """Numbers for the three channels together, and shared ones."""
         return 3 * self.config.color_latents, self.config.shared_latents
 
-    def sample_angles(self, m: int) -> Tensor:
-        """The first `m` of the fixed directions, 258 at most: more would add nothing."""
-        return self.encoder_angles[:m]
+    def sample_angles(self, m: int, *, measured: bool = False) -> Tensor:
+        """The first `m` of the fixed directions, 258 at most: more would add nothing. Of a
+        `measured` BRDF, those that can be trusted.
+        """
+        angles = self.encoder_angles
+        if measured:
+            cos_i, cos_o, _, _ = cosines(angles)
+            angles = angles[torch.minimum(cos_i, cos_o) >= TRUSTED_COSINE]
+        return angles[:m]
 
     def encode(self, angles: Tensor, f: Tensor) -> Latents:
-        """Latents of `f` [N, M, 3] at the directions of `sample_angles`; NaN marks a sample that is
-        missing, in any number and any place.
+        """Latents of `f` [N, M, 3] at any of the fixed directions, in any order.
+
+        NaN and infinity mark samples that are missing; fireflies are found and left out.
         """
-        assert torch.equal(angles, self.encoder_angles[: len(angles)])
-        missing = len(self.encoder_angles) - len(angles)
-        f = nn.functional.pad(f.transpose(1, 2), (0, missing), value=math.nan)
-        known = f.isfinite()
-        seen = compress(torch.where(known, f, 0).clamp(0, 1e4)) * 0.2
+        found = (angles[:, None] == self.encoder_angles).all(2)
+        assert bool(found.any(1).all())
+        given = f.new_full((len(f), len(self.encoder_angles), 3), math.nan)
+        given[:, found.float().argmax(1)] = f
+        given = given.transpose(1, 2)
+        known = given.isfinite()
+        given = torch.where(known, given, 0).clamp(0, 1e5)
+        known = known & ~self._fireflies(given, known)[:, None]
+        seen = torch.where(known, compress(given) * 0.2, 0)
         features = nn.functional.silu(self.per_channel(torch.cat((seen, known.float()), 2)))
         trusted = known.any(2, keepdim=True)
         mean = (features * trusted).sum(1) / trusted.sum(1).clamp_min(1)
@@ -138,6 +164,13 @@ class LobeRepresentation(nn.Module):
         shared = self.to_shared(torch.cat((mean, highest), 1))
         each = torch.cat((features, shared[:, None].expand(-1, 3, -1)), 2)
         return Latents(self.to_color(each), shared)
+
+    def _fireflies(self, f: Tensor, known: Tensor) -> Tensor:
+        """Which samples [N, M] of `f` [N, 3, M] are too bright to be true."""
+        brightness = f.sum(1) + 0.003
+        similar = _FIREFLY * brightness[:, self.neighbours] > brightness[..., None]
+        similar |= ~known.any(1)[:, self.neighbours]
+        return similar.sum(2) <= 1
 
     def encode_parameters(self, states: Tensor) -> Latents:
         """Latents of Torrance-Sparrow materials, `states` [N, 7] = (kd, ks, alpha), unsampled.
@@ -187,7 +220,7 @@ class LobeRepresentation(nn.Module):
         angular = self.basis(self._angular_features(angles, cos_i, cos_o))
         correction = weights[..., 2 + 2 * lobes :] @ angular.T
         correction = 3 * torch.tanh(correction / 3)
-        return expand((compress(analytic) + correction).clamp(0, 14)).transpose(1, 2)
+        return expand((compress(analytic) + correction).clamp(0, 16.2)).transpose(1, 2)
 
     @staticmethod
     def _lobe_shapes(

@@ -90,7 +90,7 @@ class PaperRepresentation(nn.Module):
         """Numbers for the three channels together, and shared ones."""
         return 3 * self.color_latents, self.config.shared_latents
 
-    def sample_angles(self, m: int) -> Tensor:
+    def sample_angles(self, m: int, *, measured: bool = False) -> Tensor:
         """The first `m` of a fixed sequence of directions [m, 3] above the horizon."""
         g = torch.Generator().manual_seed(0)
         u = torch.rand(2 * m + 64, 3, generator=g)

@@ -14,6 +14,7 @@ from torch import Tensor
 from model_runtime.brdf import disney
 from model_runtime.brdf import torrance_sparrow as ts
 from model_runtime.brdf.half_angle import above_horizon, cosines, from_directions
+from model_runtime.representation.lobes import TRUSTED_COSINE
 
 from .analytic import random_disney, random_torrance_sparrow
 from .nbrdf import NeuralBRDFs
@@ -73,12 +74,13 @@ class _Coat:
 
 @dataclass(frozen=True)
 class _BentMeasured:
-    """n measured materials, each a mixture of two, made sharper or blunter, recoloured, faded,
-    polished.
+    """n measured materials, each a mixture of two, made sharper or blunter, recoloured, whitened,
+    faded, polished.
 
     85 measured materials are few: an encoder trained on them alone stops gaining on unseen ones
     after a third of a run. Mixtures, a stretch of theta_h (a change of roughness), a channel
-    matrix, an added diffuse part and a coat are materials that might have been measured as well.
+    matrix, an added diffuse part and a coat are materials that might have been measured as well;
+    so are the same ones brighter, as the brightest of MERL reflects a third of the light.
     """
 
     source: NeuralBRDFs
@@ -109,8 +111,12 @@ class _BentMeasured:
         blend = uniform(1, 1) * 0.5
         matrix = torch.diag_embed(gains) * (1 - blend) + gains[:, :, None] * blend / 3
         recolor = torch.where(some(0.6)[..., None], matrix, torch.eye(3))
+        probes = torch.tensor([[0.5, 0.2, 0.0], [0.7, 0.2, 1.6], [0.4, 0.6, 1.6]])
+        level = source.evaluate(first, probes).mean(1).amax(1)[:, None]
+        whiter = (uniform(1) / (math.pi * level.clamp_min(1e-4))).clamp(0.2, 8)
+        recolor = recolor * torch.where(some(0.4), whiter, torch.ones(n, 1))[..., None]
         diffuse = torch.where(some(0.25), uniform(3) * uniform(1) / math.pi, torch.zeros(n, 3))
-        darkening = torch.where(some(0.5), uniform(1) * 1.5, torch.zeros(n, 1))
+        darkening = torch.where(some(0.25), uniform(1) * 1.5, torch.zeros(n, 1))
         coat = _Coat.draw(some(0.3)[:, 0], g)
         return cls(source, first, second, share, stretch, recolor, diffuse, darkening, coat)
 
@@ -200,8 +206,12 @@ def sphere_angles(pixels: int, lights: int, g: torch.Generator) -> tuple[Tensor,
     return angles.reshape(-1, 3), weights
 
 
-def damage(angles: Tensor, f: Tensor, share: float, g: torch.Generator) -> Tensor:
+def damage(
+    angles: Tensor, f: Tensor, share: float, g: torch.Generator, *, measured: int = 0
+) -> Tensor:
     """`f` [N, M, 3] at `angles` [M, 3] as a poor measurement gives it, for a `share` of the rows.
+
+    Of the first `measured` rows, three quarters lose what is not to be trusted in a measurement.
 
     A damaged row is one of: cut to its first m samples (16 or more), cut to a random part, without
     grazing directions, without one channel, or noisy (5 % a sample) with a few fireflies. Missing
@@ -215,9 +225,12 @@ def damage(angles: Tensor, f: Tensor, share: float, g: torch.Generator) -> Tenso
     kind = torch.where(uniform() < share, torch.randint(0, 5, (n,), generator=g), 5)
     first = torch.arange(m) >= (16 * (m / 16) ** uniform(1))
     cos_i, cos_o, _, _ = cosines(angles)
-    grazing = torch.minimum(cos_i, cos_o) < uniform(1) * 0.6
+    low = torch.minimum(cos_i, cos_o)
+    grazing = low < uniform(1) * 0.6
     channel = torch.arange(3) == torch.randint(0, 3, (n, 1), generator=g)
-    lost = (kind == 0)[:, None] & first
+    lost = (torch.arange(n) < measured) & (uniform() < 0.75)
+    lost = lost[:, None] & (low < TRUSTED_COSINE)
+    lost |= (kind == 0)[:, None] & first
     lost |= (kind == 1)[:, None] & (uniform(m) < 0.9 * uniform(1))
     lost |= (kind == 2)[:, None] & grazing
     lost = lost[..., None] | ((kind == 3)[:, None] & channel)[:, None]
