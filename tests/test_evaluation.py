@@ -19,6 +19,7 @@ from training.evaluation.metric import MAPS, Sphere
 from training.evaluation.report import main_table
 from training.evaluation.representation import Curve, evaluate_representation
 from training.evaluation.results import Cell, Report
+from training.evaluation.scoring import score, truth
 from training.evaluation.sets import SETS, material_sets
 
 TINY = Budget(uniform=20, texel=5)
@@ -108,9 +109,15 @@ def test_images_are_written_and_show_something(report: Report, output: Path, nam
     assert f"({name})" in (output / "representation.md").read_text(encoding="utf-8")
 
 
-def test_what_nbrdf_learned_is_used_again(report: Report, data_folder: Path, output: Path):
-    kept = {path: path.stat().st_mtime_ns for path in (output / "nbrdf").iterdir()}
-    assert len(kept) > 10
+def test_what_was_learned_and_rendered_is_used_again(
+    report: Report, data_folder: Path, output: Path
+):
+    """All but what is damaged, which is made again."""
+    kept = {path: path.stat().st_mtime_ns for path in (output / "kept").iterdir()}
+    networks = output / "kept" / "networks_disney_0_16200_20.safetensors"
+    rendered = output / "kept" / "nbrdf_disney_0.safetensors"
+    for path in (networks, rendered):
+        path.write_bytes(path.read_bytes()[:-50])
     again = evaluate_representation(
         data_folder,
         output,
@@ -120,10 +127,23 @@ def test_what_nbrdf_learned_is_used_again(report: Report, data_folder: Path, out
         budget=TINY,
         curve=Curve(materials=1, pixels=6),
     )
-    assert {path: path.stat().st_mtime_ns for path in (output / "nbrdf").iterdir()} == kept
-    first = report.methods["nbrdf"]
-    assert again.methods["nbrdf"].cells == first.cells
-    assert again.methods["nbrdf"].cost.train_minutes == first.cost.train_minutes
+    now = {path: path.stat().st_mtime_ns for path in (output / "kept").iterdir()}
+    assert {path for path in kept if now[path] != kept[path]} == {networks, rendered}
+    assert again.methods["nbrdf"].cells == report.methods["nbrdf"].cells
+
+
+def test_a_changed_method_is_rendered_again(sphere: Sphere, data_folder: Path, tmp_path: Path):
+    (materials,) = material_sets(data_folder, sphere.inside, wanted=("bsdf",), limit=1)["bsdf"]
+    radiance = truth(sphere, materials)
+    path = tmp_path / "kept.safetensors"
+    exact = score(sphere, materials, radiance, materials.evaluate, path)
+    written = path.stat().st_mtime_ns
+    assert score(sphere, materials, radiance, materials.evaluate, path).scores == exact.scores
+    assert path.stat().st_mtime_ns == written
+    darker = score(sphere, materials, radiance, lambda *at: 0.5 * materials.evaluate(*at), path)
+    (name,) = materials.names
+    assert exact.scores[name] == pytest.approx(100)
+    assert darker.scores[name] < 30
 
 
 def test_trained_rivals_are_read_from_their_files(data_folder: Path, tmp_path: Path):

@@ -9,19 +9,17 @@ All networks of a call are trained side by side, which a CPU does many times fas
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import time
-from dataclasses import asdict, dataclass
-from hashlib import sha256
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
 from model_runtime.brdf.half_angle import cosines
+
+from ..kept import identity, keep, read_kept
 
 __all__ = ("Networks", "Training", "cached_fit", "fit")
 
@@ -43,7 +41,7 @@ class Training:
 @dataclass(frozen=True)
 class Networks:
     """n networks 6 -> 21 -> 21 -> 3: `layers` holds a weight [n, in, out] and a bias [n, 1, out]
-    each. `seconds` is what training them took, all together.
+    each. `seconds` of one core is what training them took, all together.
     """
 
     layers: tuple[tuple[Tensor, Tensor], ...]
@@ -102,7 +100,7 @@ def fit(angles: Tensor, f: Tensor, training: Training = Training()) -> Networks:
     cos_i = cosines(angles)[0].clamp_min(0)[:, None]
     target = torch.log1p(f.clamp_min(0) * cos_i)
     x = _inputs(angles)
-    start = time.perf_counter()
+    start = time.process_time()
     for step in range(training.iterations):
         rate = 0.5 * (1 + math.cos(math.pi * step / training.iterations))
         optimizer.param_groups[0]["lr"] = training.learning_rate * rate
@@ -115,7 +113,7 @@ def fit(angles: Tensor, f: Tensor, training: Training = Training()) -> Networks:
         loss.backward()
         optimizer.step()
     trained = tuple((weight.detach(), bias.detach()) for weight, bias in layers)
-    return Networks(trained, time.perf_counter() - start)
+    return Networks(trained, time.process_time() - start)
 
 
 def cached_fit(path: Path, angles: Tensor, f: Tensor, training: Training = Training()) -> Networks:
@@ -123,41 +121,15 @@ def cached_fit(path: Path, angles: Tensor, f: Tensor, training: Training = Train
 
     A file that is missing, damaged or made from anything else is replaced.
     """
-    identity = _identity(angles, f, training)
-    found = _read(path, identity)
-    if found is not None:
-        return found
+    made_from = identity(repr(training), angles, f)
+    count = len(_SIZES) - 1
+    kept = read_kept(path, made_from)
+    if kept is not None:
+        layers = tuple((kept[f"weight{i}"], kept[f"bias{i}"]) for i in range(count))
+        return Networks(layers, kept["seconds"].item())
     networks = fit(angles, f, training)
-    tensors = {
-        f"{kind}{i}": tensor.contiguous()
-        for i, layer in enumerate(networks.layers)
-        for kind, tensor in zip(("weight", "bias"), layer, strict=True)
-    }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(path.name + ".partial")
-    save_file(tensors, beside, {"identity": identity, "seconds": f"{networks.seconds:.3f}"})
-    beside.replace(path)
+    tensors = {"seconds": torch.tensor(networks.seconds)}
+    for i, (weight, bias) in enumerate(networks.layers):
+        tensors |= {f"weight{i}": weight, f"bias{i}": bias}
+    keep(path, tensors, made_from)
     return networks
-
-
-def _identity(angles: Tensor, f: Tensor, training: Training) -> str:
-    digest = sha256(json.dumps(asdict(training), sort_keys=True).encode())
-    for values in (angles, f):
-        digest.update(values.contiguous().numpy().tobytes())
-    return digest.hexdigest()
-
-
-def _read(path: Path, identity: str) -> Networks | None:
-    """The networks at `path` if that is a whole file with this identity."""
-    try:
-        with safe_open(path, framework="pt") as stored:
-            metadata = stored.metadata() or {}
-            if metadata.get("identity") != identity:
-                return None
-            layers = tuple(
-                (stored.get_tensor(f"weight{i}"), stored.get_tensor(f"bias{i}"))
-                for i in range(len(_SIZES) - 1)
-            )
-    except (OSError, SafetensorError):
-        return None
-    return Networks(layers, float(metadata["seconds"]))

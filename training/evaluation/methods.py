@@ -223,8 +223,8 @@ class NetworkMethod:
         own = self.budget.texel if texel else self.budget.uniform
         training = nbrdf.Training(max(1, round(own * setting.effort)))
         angles = PaperRepresentation().sample_angles(setting.samples)
-        path = self.folder / f"{materials.key}_{len(angles)}_{training.iterations}.safetensors"
-        networks = nbrdf.cached_fit(path, angles, materials.every(angles), training)
+        name = f"networks_{materials.key}_{len(angles)}_{training.iterations}.safetensors"
+        networks = nbrdf.cached_fit(self.folder / name, angles, materials.every(angles), training)
         return Held(networks.evaluate, len(networks), networks.seconds, texel)
 
     def point(self, held: Sequence[Held], setting: Setting) -> tuple[int, int | None, float]:

@@ -95,6 +95,10 @@ be rendered. One score a frame, five frames.
 """
 
 
+def _alternative(file: str) -> str:
+    return file.removesuffix(".png").replace("_", " ")
+
+
 def write_report(report: Report, folder: Path) -> None:
     """Write `representation.md` and its charts and pictures to `folder`; of an interpolation that
     is there already, a link.
@@ -109,7 +113,7 @@ def write_report(report: Report, folder: Path) -> None:
     ]
     for file, draw, caption in _CHARTS:
         if draw(report, folder / file):
-            parts += [f"![{caption}]({file})", caption]
+            parts += [f"![{_alternative(file)}]({file})", caption]
     pages = draw_pages(report, folder)
     if pages:
         first = METHODS[next(iter(report.methods))].title
@@ -123,5 +127,9 @@ def write_report(report: Report, folder: Path) -> None:
             parts += [f"### The {page} ten", f"![the {page} ten]({file})"]
     if (folder / INTERPOLATION).exists():
         caption = "Latents of two materials, mixed linearly and decoded; the truth at both ends."
-        parts += ["## Between materials", f"![{caption}]({INTERPOLATION})", caption]
+        parts += [
+            "## Between materials",
+            f"![{_alternative(INTERPOLATION)}]({INTERPOLATION})",
+            caption,
+        ]
     (folder / "representation.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")

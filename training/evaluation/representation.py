@@ -15,16 +15,14 @@ from tqdm import tqdm
 from model_runtime.errors import UsageError
 
 from .methods import WEIGHTS, Budget, EncoderMethod, Held, Method, load_methods
-from .metric import MAPS, Sphere, psnr, tone_map
+from .metric import Sphere
 from .report import INTERPOLATION, write_report
 from .results import Cell, MethodResult, Picture, Point, Report
-from .sets import SETS, UNIFORM, Evaluate, Materials, material_sets
+from .scoring import SHOWN, score, show, truth
+from .sets import SETS, UNIFORM, Materials, material_sets
 from .spheres import draw_interpolation
 
-__all__ = ("SHOWN", "Curve", "evaluate_representation")
-
-SHOWN = MAPS.index("potsdamer_platz")
-"""The environment map that pictures are made under."""
+__all__ = ("Curve", "evaluate_representation")
 
 
 @dataclass(frozen=True)
@@ -54,23 +52,27 @@ def evaluate_representation(
     `output`.
 
     PSNR in dB on the metric of DESIGN.md with spheres `pixels` wide. `limit` keeps that many
-    uniform materials of each set. What NBRDF learns stays in `output`/nbrdf, for the next call.
-    `weights` is the folder of the rivals' trained weights. Raises `UsageError` for methods and sets
-    that do not exist, `ModelFileError` for weights that are missing.
+    uniform materials of each set. What NBRDF learns and what has been rendered stays in
+    `output`/kept, so that the next call, or one after an interruption, is quick. `weights` is the
+    folder of the rivals' trained weights. Raises `UsageError` for methods and sets that do not
+    exist, `ModelFileError` for weights that are missing.
     """
     unknown = [name for name in sets if name not in SETS]
     if unknown:
         raise UsageError(f"There is no set '{unknown[0]}'.", f"Choose among {', '.join(SETS)}.")
     start = time.perf_counter()
-    loaded = load_methods(
-        methods, weights=weights, cache=output / "nbrdf", budget=budget or Budget()
-    )
+    kept = output / "kept"
+    loaded = load_methods(methods, weights=weights, cache=kept, budget=budget or Budget())
     sphere = Sphere.load(data / "hdri", pixels=pixels)
-    results, truth = _score_all(sphere, data, loaded, tuple(sets), limit)
+    materials = material_sets(data, sphere.inside, wanted=tuple(sets), limit=limit)
+    results, true_pictures = _score_all(sphere, materials, loaded, kept)
+    curve = curve or Curve()
+    small = Sphere.load(data / "hdri", pixels=curve.pixels)
     uniform = tuple(name for name in sets if name in UNIFORM)
-    curves = _curves(data, loaded, uniform, curve or Curve())
+    some = material_sets(data, small.inside, wanted=uniform, limit=curve.materials)
+    curves = _curves(small, some, loaded, kept)
     results = {name: replace(result, curve=curves[name]) for name, result in results.items()}
-    report = Report(results, truth, sphere.inside, time.perf_counter() - start)
+    report = Report(results, true_pictures, sphere.inside, time.perf_counter() - start)
     output.mkdir(parents=True, exist_ok=True)
     ours = loaded.get("ours")
     if isinstance(ours, EncoderMethod):
@@ -82,33 +84,28 @@ def evaluate_representation(
 
 
 def _score_all(
-    sphere: Sphere,
-    data: Path,
-    methods: dict[str, Method],
-    wanted: tuple[str, ...],
-    limit: int | None,
+    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], kept: Path
 ) -> tuple[dict[str, MethodResult], dict[tuple[str, str], Tensor]]:
     """Every method on every set it applies to, and the pictures of the truth."""
     scores: dict[str, dict[str, dict[str, float]]] = {name: {} for name in methods}
     pictures: dict[str, dict[tuple[str, str], Picture]] = {name: {} for name in methods}
     held: dict[str, list[Held]] = {name: [] for name in methods}
     shown: dict[tuple[str, str], Tensor] = {}
-    sets = material_sets(data, sphere.inside, wanted=wanted, limit=limit)
     bar = tqdm([(name, group) for name, groups in sets.items() for group in groups])
     for set_name, materials in bar:
-        truth = _render(sphere, materials, materials.evaluate)
-        shown |= {(set_name, name): p for name, p in _shown(materials, truth).items()}
+        radiance = truth(sphere, materials)
+        shown |= {(set_name, name): p for name, p in show(materials, radiance).items()}
         for name, method in methods.items():
             if not method.applies_to(set_name):
                 continue
             bar.set_description(f"{set_name}, {name}")
             mine = method.hold(materials)
             held[name].append(mine)
-            estimate = _render(sphere, materials, mine.evaluate)
-            each = _scores(materials, truth, estimate)
-            scores[name].setdefault(set_name, {}).update(each)
-            for material, picture in _shown(materials, estimate).items():
-                pictures[name][set_name, material] = Picture(picture, each[material])
+            path = kept / f"{name}_{materials.key}.safetensors"
+            outcome = score(sphere, materials, radiance, mine.evaluate, path)
+            scores[name].setdefault(set_name, {}).update(outcome.scores)
+            for material, picture in outcome.pictures.items():
+                pictures[name][set_name, material] = Picture(picture, outcome.scores[material])
     results = {
         name: MethodResult(
             cells={key: Cell(each) for key, each in scores[name].items()},
@@ -122,45 +119,29 @@ def _score_all(
     return results, shown
 
 
-def _render(sphere: Sphere, materials: Materials, evaluate: Evaluate) -> Tensor:
-    """Radiance [n, E, P, 3] of uniform materials, [1, E, P, 3] of a frame."""
-    if materials.texels is not None:
-        return sphere.render_textured(evaluate, materials.texels)
-    rows = torch.arange(materials.n)
-    return sphere.render(lambda angles: evaluate(rows, angles))
-
-
-def _scores(materials: Materials, truth: Tensor, estimate: Tensor) -> dict[str, float]:
-    """dB by name, averaged over maps."""
-    return dict(zip(materials.names, psnr(truth, estimate).mean(1).tolist(), strict=True))
-
-
-def _shown(materials: Materials, radiance: Tensor) -> dict[str, Tensor]:
-    """Tone-mapped pixels [P, 3] by name; half precision, as many are kept."""
-    pixels = tone_map(radiance[:, SHOWN]).half()
-    return dict(zip(materials.names, pixels, strict=True))
-
-
 def _curves(
-    data: Path, methods: dict[str, Method], sets: tuple[str, ...], curve: Curve
+    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], kept: Path
 ) -> dict[str, tuple[Point, ...]]:
-    """Accuracy over time of every method, on a part of the uniform sets."""
-    sphere = Sphere.load(data / "hdri", pixels=curve.pixels)
-    groups = material_sets(data, sphere.inside, wanted=sets, limit=curve.materials)
-    every = [(name, group) for name, parts in groups.items() for group in parts]
-    truths = [_render(sphere, group, group.evaluate) for _, group in every]
+    """Accuracy over time of every method."""
+    every = [
+        (name, replace(group, key=f"curve_{group.key}"), truth(sphere, group))
+        for name, groups in sets.items()
+        for group in groups
+    ]
     curves = {}
     for name, method in methods.items():
         points = []
         for setting in tqdm(method.settings(), desc=f"speed and accuracy, {name}"):
             held: list[Held] = []
             scores: dict[str, dict[str, float]] = {}
-            for (set_name, group), truth in zip(every, truths, strict=True):
+            for set_name, group, radiance in every:
                 if not method.applies_to(set_name):
                     continue
-                held.append(method.hold(replace(group, key=f"curve_{group.key}"), setting))
-                estimate = _render(sphere, group, held[-1].evaluate)
-                scores.setdefault(set_name, {}).update(_scores(group, truth, estimate))
+                held.append(method.hold(group, setting))
+                tag = f"{name}_{group.key}_{setting.samples}_{setting.effort:g}"
+                path = kept / f"{tag}.safetensors"
+                outcome = score(sphere, group, radiance, held[-1].evaluate, path)
+                scores.setdefault(set_name, {}).update(outcome.scores)
             if held:
                 cells = {key: Cell(each) for key, each in scores.items()}
                 points.append(Point(*method.point(held, setting), cells))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
 import torch
@@ -89,8 +90,7 @@ def _page(report: Report, materials: Sequence[Material], path: Path) -> None:
         },
     )
     for column, material in zip(grid.T, materials, strict=True):
-        set_name, name = material
-        column[0].set_title(f"{SET_TITLES[set_name]}\n{name}", fontsize=8)
+        column[0].set_title(_title(*material), fontsize=8)
         _show(column[0], _image(report.truth[material], report.inside))
         for i, method in enumerate(report.methods.values()):
             above, below = column[1 + 2 * i : 3 + 2 * i]
@@ -119,6 +119,11 @@ def _page(report: Report, materials: Sequence[Material], path: Path) -> None:
     figure.colorbar(scale, cax=bar).set_label("error of a tone-mapped pixel (0 to 1)", fontsize=8)
     bar.tick_params(labelsize=7)
     figure.savefig(path, dpi=100)
+
+
+def _title(set_name: str, name: str) -> str:
+    words = name.removesuffix("_rgb").replace("_", " ").replace("-", " ")
+    return "\n".join((SET_TITLES[set_name], *wrap(words, 20)))
 
 
 def _image(pixels: Tensor, inside: Tensor) -> NDArray[np.float32]:
