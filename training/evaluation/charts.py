@@ -87,7 +87,7 @@ def chart_speed(report: Report, path: Path) -> bool:
     if not panels:
         return False
     figure = Figure(figsize=(10, 4.9), layout="constrained")
-    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    axes = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
     for ax, (title, wanted) in zip(axes, panels, strict=True):
         for key, method in report.methods.items():
             _speed(ax, key, method.cost.samples, _points(method, wanted))
@@ -107,7 +107,10 @@ def _points(method: MethodResult, wanted: Callable[[str], bool]) -> list[tuple[P
     found = []
     for point in method.curve:
         values = [
-            value for name, cell in point.cells.items() if wanted(name) for value in cell.judged
+            value
+            for name, cell in point.cells.items()
+            if wanted(name)
+            for value in cell.materials.values()
         ]
         if values:
             found.append((point, float(np.mean(values))))

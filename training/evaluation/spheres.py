@@ -27,7 +27,7 @@ from .sets import BAD_FITS, UNIFORM
 __all__ = ("PAGES", "draw_interpolation", "draw_pages")
 
 PAGES = ("best", "median", "worst")
-PAIRS = (("nickel", "red-fabric"), ("two-layer-gold", "blue-metallic-paint"))
+PAIRS = (("nickel", "red-fabric"), ("gold-metallic-paint3", "blue-metallic-paint"))
 """MERL materials to walk between: a metal and a cloth; gold and a blue paint."""
 
 _COLUMNS = 10
