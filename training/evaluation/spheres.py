@@ -169,9 +169,9 @@ def draw_interpolation(model: Trained, sphere: Sphere, shown: int, data: Path, p
         walk = sphere.render(lambda a, steps=steps: model.decode(steps, a))[:, shown]
         pictures = torch.cat((truth[:1], walk, truth[1:]))
         titles = [
-            f"{pair[0]} (truth)",
+            f"truth\n{pair[0]}",
             *(f"{100 * value:.0f} %" for value in share[:, 0].tolist()),
-            f"{pair[1]} (truth)",
+            f"truth\n{pair[1]}",
         ]
         for ax, picture, title in zip(axes, pictures, titles, strict=True):
             _show(ax, _image(tone_map(picture), sphere.inside))
