@@ -12,8 +12,6 @@ import tyro
 
 from model_runtime.errors import TvbrdfError, UsageError
 
-_COLUMNS = ("mean", "min", "p5", "n")
-
 app = tyro.extras.SubcommandApp()
 
 
@@ -122,26 +120,24 @@ def evaluate(
     what: tyro.conf.Positional[Literal["representation"]],
     output: Path,
     pixels: int = 64,
+    methods: tuple[str, ...] = (),
     json: bool = False,
 ) -> None:
-    """Measure what is bundled; reports go to the output folder.
+    """Measure what is bundled beside its rivals; reports go to the output folder.
 
     Args:
-        what: the representation's PSNR on every set of materials.
+        what: the PSNR of BRDF representations on every set of materials.
         output: the folder to write.
         pixels: width of the rendered spheres (fewer is faster and rougher).
-        json: print the report on stdout as well.
+        methods: only these (ours, paper, brdfnps, nbrdf, ...); all by default.
+        json: print the report on stdout as JSON instead of a table.
     """
     from .data.location import data_folder
+    from .evaluation.report import main_table
     from .evaluation.representation import evaluate_representation
 
-    report = evaluate_representation(data_folder(), output, pixels=pixels)
-    if json:
-        print(dumps(report, indent=1))
-        return
-    print("| set | mean dB | worst | 5 % | materials |\n|---|---|---|---|---|")
-    for name, scores in report["methods"]["ours"]["sets"].items():
-        print("|", name, "|", " | ".join(f"{scores[key]:g}" for key in _COLUMNS), "|")
+    report = evaluate_representation(data_folder(), output, pixels=pixels, methods=methods or None)
+    print(dumps(report.json(), indent=1) if json else main_table(report))
 
 
 def _check_minutes(minutes: float | None) -> None:

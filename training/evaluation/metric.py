@@ -45,11 +45,13 @@ class Sphere:
     """An orthographic sphere under environment maps: what each pixel must sum.
 
     `angles` [P, D, 3] are the half-angle coordinates of every pixel and light direction, `weights`
-    [E, P, D, 3] radiance x cosine x solid angle, 0 below the pixel's horizon.
+    [E, P, D, 3] radiance x cosine x solid angle, 0 below the pixel's horizon. The pixels are those
+    of `inside` [S, S] in row order, the top row first.
     """
 
     angles: Tensor
     weights: Tensor
+    inside: Tensor
 
     @classmethod
     def load(cls, hdri: Path, *, pixels: int = 64, height: int = 32, width: int = 64) -> Sphere:
@@ -83,20 +85,42 @@ class Sphere:
         wo = torch.einsum("pij,j->pi", frame, view)[:, None].expand_as(wi)
         cosine = wi[..., 2].clamp_min(0) * solid
         weights = torch.stack(radiance)[:, None] * cosine[None, ..., None]
-        return cls(from_directions(wi, wo).float(), weights.float())
+        return cls(from_directions(wi, wo).float(), weights.float(), inside)
 
-    def render(self, evaluate: Evaluate, *, chunk: int = 32) -> Tensor:
-        """Radiance [N, E, P, 3] of N uniform materials: `evaluate`(angles [M, 3]) -> f [N, M,
-        3].
+    def render(self, evaluate: Evaluate, *, chunk: int = 4) -> Tensor:
+        """Radiance [N, E, P, 3] of N uniform materials: `evaluate`(angles [M, 3]) -> f [N, M, 3].
+
+        Half a turn about the line of sight maps the pixels and the light's directions onto
+        themselves, in reverse order: every f serves two pixels. `chunk` pixels are held at once.
         """
+        maps, count = self.weights.shape[:2]
+        half = (count + 1) // 2
         parts = []
-        for start in range(0, len(self.angles), chunk):
-            angles = self.angles[start : start + chunk]
-            lit = self.weights[0, start : start + chunk, :, 0] > 0
-            f = evaluate(angles[lit])
-            spread = f.new_zeros(len(f), *lit.shape, 3)
-            spread[:, lit] = f
-            parts.append(
-                torch.einsum("npdc,epdc->nepc", spread, self.weights[:, start : start + chunk])
-            )
-        return torch.cat(parts, 2)
+        for start in range(0, half, chunk):
+            stop = min(start + chunk, half)
+            here, there = slice(start, stop), slice(count - stop, count - start)
+            weights = torch.cat((self.weights[:, here], self.weights[:, there].flip(1, 2)))
+            parts.append(torch.einsum("npdc,epdc->nepc", self._reflected(evaluate, here), weights))
+        near, far = torch.cat(parts, 2).split(maps, 1)
+        return torch.cat((near, far.flip(2)[:, :, 2 * half - count :]), 2)
+
+    def render_textured(
+        self, evaluate: Callable[[Tensor, Tensor], Tensor], texels: Tensor
+    ) -> Tensor:
+        """Radiance [1, E, P, 3] of a sphere whose pixels show BRDFs `texels` [P]:
+        `evaluate`(rows [1], angles [M, 3]) -> f [1, M, 3].
+        """
+        radiance = self.weights.new_empty(len(self.weights), len(texels), 3)
+        for row in texels.unique():
+            pixels = (texels == row).nonzero()[:, 0]
+            f = self._reflected(lambda angles, row=row: evaluate(row[None], angles), pixels)
+            radiance[:, pixels] = torch.einsum("pdc,epdc->epc", f[0], self.weights[:, pixels])
+        return radiance[None]
+
+    def _reflected(self, evaluate: Evaluate, pixels: slice | Tensor) -> Tensor:
+        """f [N, p, D, 3] towards the viewer at `pixels` from every direction, 0 from below."""
+        lit = self.weights[:, pixels].amax((0, -1)) > 0
+        f = evaluate(self.angles[pixels][lit])
+        spread = f.new_zeros(len(f), *lit.shape, 3)
+        spread[:, lit] = f
+        return spread

@@ -4,156 +4,146 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from model_runtime.brdf import disney, rgl, torrance_sparrow
-from model_runtime.package import ENCODER, read_card
-from model_runtime.representation import load_representation
-from model_runtime.representation.latents import Representation
+from model_runtime.errors import UsageError
 
-from ..data.analytic import random_disney, random_torrance_sparrow
-from ..data.nbrdf import HELD_OUT, NeuralBRDFs, load
-from .metric import Sphere, psnr
+from .methods import WEIGHTS, Budget, EncoderMethod, Held, Method, load_methods
+from .metric import Sphere
+from .report import INTERPOLATION, write_report
+from .results import Cell, MethodResult, Picture, Point, Report
+from .scoring import SHOWN, score, show, truth
+from .sets import SETS, UNIFORM, Materials, material_sets
+from .spheres import draw_interpolation
 
-__all__ = ("evaluate_representation", "material_sets")
-
-_SEED = 20240715
-_TOGETHER = 25
+__all__ = ("Curve", "evaluate_representation")
 
 
 @dataclass(frozen=True)
-class MaterialSet:
-    """Named materials that are evaluated together: `evaluate`(angles [M, 3]) -> f [n, M, 3]."""
-
-    names: tuple[str, ...]
-    evaluate: Callable[[Tensor], Tensor]
-
-
-def material_sets(data: Path) -> dict[str, list[MaterialSet]]:
-    """The sets of the report, each in groups small enough to be held in memory at once.
-
-    No bundled encoder was trained on `merl_held_out`, `rgl`, `bsdf` or these draws of `disney` and
-    `torrance_sparrow`. For MERL and RGL the truth is what Neural-BRDF's networks say.
+class Curve:
+    """What the chart of accuracy over time is made from: some materials of every uniform set, on
+    smaller spheres.
     """
-    merl, isotropic = load(data, "merl"), load(data, "rgl-isotropic")
-    g = torch.Generator().manual_seed(_SEED)
-    sets: dict[str, list[MaterialSet]] = {
-        "merl_seen": _networks(merl.without(HELD_OUT)),
-        "merl_held_out": _networks(merl.select(list(HELD_OUT))),
-        "rgl": _networks(isotropic),
-        "bsdf": [_measured(path) for path in sorted((data / "bsdf").glob("*.bsdf"))],
-        "disney": [],
-        "torrance_sparrow": [],
-    }
-    for group in range(100 // _TOGETHER):
-        names = tuple(str(group * _TOGETHER + i) for i in range(_TOGETHER))
-        parameters = random_disney(_TOGETHER, g)
-        states = random_torrance_sparrow(_TOGETHER, g)
-        sets["disney"].append(
-            MaterialSet(names, lambda angles, p=parameters: disney.evaluate(p, angles))
-        )
-        sets["torrance_sparrow"].append(
-            MaterialSet(names, lambda angles, s=states: torrance_sparrow.evaluate(*s, angles))
-        )
-    return sets
 
-
-def _networks(networks: NeuralBRDFs) -> list[MaterialSet]:
-    rows = torch.arange(len(networks)).split(_TOGETHER)
-    return [
-        MaterialSet(
-            tuple(networks.names[i] for i in part),
-            lambda angles, part=part: networks.evaluate(part, angles),
-        )
-        for part in rows
-    ]
-
-
-def _measured(path: Path) -> MaterialSet:
-    brdf = rgl.read(path)
-    return MaterialSet((brdf.name,), lambda angles: brdf.evaluate(angles)[None])
+    materials: int = 12
+    pixels: int = 16
 
 
 @torch.no_grad()
 def evaluate_representation(
-    data: Path, output: Path, *, pixels: int = 64, encoder: Path = ENCODER
-) -> dict[str, Any]:
-    """Score the bundled representation on every set and write `representation.json` to `output`.
+    data: Path,
+    output: Path,
+    *,
+    pixels: int = 64,
+    methods: Sequence[str] | None = None,
+    sets: Sequence[str] = SETS,
+    limit: int | None = None,
+    budget: Budget | None = None,
+    curve: Curve | None = None,
+    weights: Path = WEIGHTS,
+) -> Report:
+    """Score `methods` (default: all) on `sets`; write `representation.json`, `.md` and pictures to
+    `output`.
 
-    PSNR in dB on the metric of DESIGN.md with a sphere `pixels` wide: mean, min, p5 and n of each
-    set, and of every material; with the size, the cost and the training of the method.
+    PSNR in dB on the metric of DESIGN.md with spheres `pixels` wide. `limit` keeps that many
+    uniform materials of each set. What NBRDF learns and what has been rendered stays in
+    `output`/kept, so that the next call, or one after an interruption, is quick. `weights` is the
+    folder of the rivals' trained weights. Raises `UsageError` for methods and sets that do not
+    exist, `ModelFileError` for weights that are missing.
     """
+    unknown = [name for name in sets if name not in SETS]
+    if unknown:
+        raise UsageError(f"There is no set '{unknown[0]}'.", f"Choose among {', '.join(SETS)}.")
+    start = time.perf_counter()
+    kept = output / "kept"
+    loaded = load_methods(methods, weights=weights, cache=kept, budget=budget or Budget())
     sphere = Sphere.load(data / "hdri", pixels=pixels)
-    model, _ = load_representation(encoder)
-    sets: dict[str, Any] = {}
-    for name, groups in material_sets(data).items():
-        each: dict[str, float] = {}
-        for group in tqdm(groups, desc=name):
-            each |= dict(zip(group.names, _scores(sphere, model, group), strict=True))
-        values = np.array(list(each.values()))
-        sets[name] = {
-            "mean": round(float(values.mean()), 2),
-            "min": round(float(values.min()), 2),
-            "p5": round(float(np.quantile(values, 0.05)), 2),
-            "n": len(values),
-            "materials": {key: round(value, 2) for key, value in each.items()},
-        }
-    trained = read_card(encoder).trained
-    report = {
-        "metric": {"pixels": pixels, "seed": _SEED},
-        "methods": {
-            "ours": {
-                "sets": sets,
-                "parameters": sum(p.numel() for p in model.parameters()),
-                "latent_dims": sum(model.latent_sizes),
-                **_cost(model),
-                "train_minutes": trained.get("minutes"),
-                "train_iterations": trained.get("iterations"),
-            }
-        },
-    }
+    materials = material_sets(data, sphere.inside, wanted=tuple(sets), limit=limit)
+    results, true_pictures = _score_all(sphere, materials, loaded, kept)
+    curve = curve or Curve()
+    small = Sphere.load(data / "hdri", pixels=curve.pixels)
+    uniform = tuple(name for name in sets if name in UNIFORM)
+    some = material_sets(data, small.inside, wanted=uniform, limit=curve.materials)
+    curves = _curves(small, some, loaded, kept)
+    results = {name: replace(result, curve=curves[name]) for name, result in results.items()}
+    report = Report(results, true_pictures, sphere.inside, time.perf_counter() - start)
     output.mkdir(parents=True, exist_ok=True)
-    (output / "representation.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+    ours = loaded.get("ours")
+    if isinstance(ours, EncoderMethod):
+        draw_interpolation(ours.model, sphere, SHOWN, data, output / INTERPOLATION)
+    write_report(report, output)
+    text = json.dumps(report.json(), indent=1)
+    (output / "representation.json").write_text(text, encoding="utf-8")
     return report
 
 
-def _scores(sphere: Sphere, model: Representation, group: MaterialSet) -> list[float]:
-    angles = model.sample_angles(1024)
-    latents = model.encode(angles, group.evaluate(angles))
-    truth = sphere.render(group.evaluate, chunk=4)
-    estimate = sphere.render(lambda wanted: model.decode(latents, wanted), chunk=4)
-    return psnr(truth, estimate).mean(1).tolist()
-
-
-def _cost(model: Representation) -> dict[str, float]:
-    """Milliseconds to encode a BRDF, microseconds to decode a sample; one core, in batches."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    angles = model.sample_angles(1024)
-    f = torch.rand(64, len(angles), 3)
-    wanted = angles[:256]
-
-    def seconds(call: Callable[[], object]) -> float:
-        call()
-        start = time.perf_counter()
-        for _ in range(5):
-            call()
-        return (time.perf_counter() - start) / 5 / len(f)
-
-    latents = model.encode(angles, f)
-    cost = {
-        "encode_ms": round(1e3 * seconds(lambda: model.encode(angles, f)), 4),
-        "decode_us_per_sample": round(
-            1e6 * seconds(lambda: model.decode(latents, wanted)) / len(wanted), 4
-        ),
+def _score_all(
+    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], kept: Path
+) -> tuple[dict[str, MethodResult], dict[tuple[str, str], Tensor]]:
+    """Every method on every set it applies to, and the pictures of the truth."""
+    scores: dict[str, dict[str, dict[str, float]]] = {name: {} for name in methods}
+    pictures: dict[str, dict[tuple[str, str], Picture]] = {name: {} for name in methods}
+    held: dict[str, list[Held]] = {name: [] for name in methods}
+    shown: dict[tuple[str, str], Tensor] = {}
+    bar = tqdm([(name, group) for name, groups in sets.items() for group in groups])
+    for set_name, materials in bar:
+        radiance = truth(sphere, materials)
+        shown |= {(set_name, name): p for name, p in show(materials, radiance).items()}
+        for name, method in methods.items():
+            if not method.applies_to(set_name):
+                continue
+            bar.set_description(f"{set_name}, {name}")
+            mine = method.hold(materials)
+            held[name].append(mine)
+            path = kept / f"{name}_{materials.key}.safetensors"
+            outcome = score(sphere, materials, radiance, mine.evaluate, path)
+            scores[name].setdefault(set_name, {}).update(outcome.scores)
+            for material, picture in outcome.pictures.items():
+                pictures[name][set_name, material] = Picture(picture, outcome.scores[material])
+    results = {
+        name: MethodResult(
+            cells={key: Cell(each) for key, each in scores[name].items()},
+            cost=method.cost(held[name]),
+            curve=(),
+            pictures=pictures[name],
+        )
+        for name, method in methods.items()
+        if held[name]
     }
-    torch.set_num_threads(threads)
-    return cost
+    return results, shown
+
+
+def _curves(
+    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], kept: Path
+) -> dict[str, tuple[Point, ...]]:
+    """Accuracy over time of every method."""
+    every = [
+        (name, replace(group, key=f"curve_{group.key}"), truth(sphere, group))
+        for name, groups in sets.items()
+        for group in groups
+    ]
+    curves = {}
+    for name, method in methods.items():
+        points = []
+        for setting in tqdm(method.settings(), desc=f"speed and accuracy, {name}"):
+            held: list[Held] = []
+            scores: dict[str, dict[str, float]] = {}
+            for set_name, group, radiance in every:
+                if not method.applies_to(set_name):
+                    continue
+                held.append(method.hold(group, setting))
+                tag = f"{name}_{group.key}_{setting.samples}_{setting.effort:g}"
+                path = kept / f"{tag}.safetensors"
+                outcome = score(sphere, group, radiance, held[-1].evaluate, path)
+                scores.setdefault(set_name, {}).update(outcome.scores)
+            if held:
+                cells = {key: Cell(each) for key, each in scores.items()}
+                points.append(Point(*method.point(held, setting), cells))
+        curves[name] = tuple(points)
+    return curves
