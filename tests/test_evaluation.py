@@ -34,11 +34,14 @@ FIELDS = {
     "samples",
     "texel_samples",
     "curve",
+    "progress",
+    "properties",
 }
 IMAGES = (
     "representation_materials.png",
     "representation_speed.png",
     "representation_frames.png",
+    "representation_stability.png",
     "spheres_best.png",
     "spheres_median.png",
     "spheres_worst.png",

@@ -44,7 +44,7 @@ class Representation(Protocol):
         ...
 
     def sample_angles(self, m: int, *, measured: bool = False) -> Tensor:
-            """About `m` directions [m', 3] at which `encode` wants a BRDF, which may be `measured`."""
+        """About `m` directions [m', 3] at which `encode` wants a BRDF, which may be `measured`."""
         ...
 
     def encode(self, angles: Tensor, f: Tensor) -> Latents:

@@ -10,11 +10,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from .damages import DAMAGE_TITLES
 from .methods import METHODS
 from .results import MethodResult, Point, Report
 from .sets import BAD_FITS, FRAMES, UNIFORM
 
-__all__ = ("SET_TITLES", "chart_frames", "chart_materials", "chart_speed")
+__all__ = (
+    "SET_TITLES",
+    "chart_frames",
+    "chart_materials",
+    "chart_progress",
+    "chart_speed",
+    "chart_stability",
+)
 
 SET_TITLES = {
     "merl_seen": "MERL, seen",
@@ -179,6 +187,54 @@ def chart_frames(report: Report, path: Path) -> bool:
         ax.set_xlabel("time (share of the whole history)")
         ax.grid(color="#dddddd", linewidth=0.6)
     axes[0].set_ylabel("PSNR (dB)")
+    _legend(figure, report)
+    figure.savefig(path, dpi=100)
+    return True
+
+
+def chart_progress(report: Report, path: Path) -> bool:
+    """PSNR of seen and unseen measured materials while the encoders were trained. Writes nothing
+    and returns False where there is nothing to draw.
+    """
+    runs = {key: m.progress for key, m in report.methods.items() if m.progress}
+    if not runs:
+        return False
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    axes = figure.subplots(1, len(_MEASURED), squeeze=False, sharey=True)[0]
+    for ax, name in zip(axes, _MEASURED, strict=True):
+        for key, looks in runs.items():
+            entry = METHODS[key]
+            minutes = [look["minutes"] for look in looks]
+            ax.plot(minutes, [look[name] for look in looks], color=entry.color, marker=entry.marker)
+        ax.set_title(SET_TITLES[name], fontsize=10)
+        ax.set_xlabel("minutes of one core")
+        ax.grid(color="#dddddd", linewidth=0.6)
+    axes[0].set_ylabel("PSNR of small spheres (dB)")
+    _legend(figure, report)
+    figure.savefig(path, dpi=100)
+    return True
+
+
+def chart_stability(report: Report, path: Path) -> bool:
+    """Accuracy over damage to what an encoder reads, a panel a damage. Writes nothing and returns
+    False where there is nothing to draw.
+    """
+    results = {key: m.properties["stability"] for key, m in report.methods.items() if m.properties}
+    if not results:
+        return False
+    titles = DAMAGE_TITLES
+    figure = Figure(figsize=(10, 6.2), layout="constrained")
+    axes = figure.subplots(2, -(-len(titles) // 2), sharey=True)
+    for ax, (name, title) in zip(axes.flat, titles.items(), strict=False):
+        for key, damages in results.items():
+            entry, curve = METHODS[key], damages[name]
+            known = [(x, y) for x, y in enumerate(curve["mean"]) if y is not None]
+            ax.plot(*zip(*known, strict=True), color=entry.color, marker=entry.marker, markersize=4)
+            ax.set_xticks(range(len(curve["labels"])), curve["labels"], fontsize=7, rotation=20)
+        ax.set_title(title, fontsize=10)
+        ax.grid(color="#dddddd", linewidth=0.6)
+    for row in axes:
+        row[0].set_ylabel("PSNR (dB)")
     _legend(figure, report)
     figure.savefig(path, dpi=100)
     return True

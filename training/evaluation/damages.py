@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from matplotlib.figure import Figure
 from torch import Tensor
 
 from model_runtime.brdf.half_angle import cosines
@@ -21,11 +20,11 @@ from .probes import SAMPLES, SEED, analytic_groups, measured_groups, reflecting,
 
 __all__ = (
     "DAMAGES",
+    "DAMAGE_TITLES",
     "Damage",
     "coarse",
     "measure_stability",
     "read_what_is_there",
-    "stability_chart",
 )
 
 _KNOWS_GAPS = ("lobes",)
@@ -209,29 +208,6 @@ def _measure_bits(model: Trained, sphere: Sphere) -> dict[str, Any]:
     return curve.json() | {"input": [round(value, 3) for value in itself]}
 
 
-_TITLES = {name: damage.title for name, damage in DAMAGES.items()} | {"bits": "maps of so few bits"}
-
-
-def stability_chart(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """A panel a damage, a line a method, dB (mean) over severity, written to `path`.
-
-    `results`: by method, what `measure_properties` gave. What a method cannot be told is left out.
-    """
-    figure = Figure(figsize=(12, 6.5), layout="constrained")
-    panels = figure.subplots(2, 3, sharey=True).flat
-    for panel, (name, title) in zip(panels, _TITLES.items(), strict=True):
-        labels: list[str] = []
-        for i, (method, result) in enumerate(results.items()):
-            curve = result["stability"][name]
-            labels = curve["labels"]
-            known = [(x, y) for x, y in enumerate(curve["mean"]) if y is not None]
-            panel.plot(*zip(*known, strict=True), "o-", color=f"C{i}", label=method)
-        panel.set_xticks(range(len(labels)), labels)
-        panel.set_title(title, fontsize=10)
-        panel.grid(alpha=0.3)
-    axes = figure.axes
-    for axis in axes[::3]:
-        axis.set_ylabel("PSNR (dB)")
-    axes[0].legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+DAMAGE_TITLES = {name: damage.title for name, damage in DAMAGES.items()} | {
+    "bits": "maps of so few bits"
+}

@@ -142,7 +142,8 @@ class EncoderMethod:
     def hold(self, materials: Materials, setting: Setting | None = None) -> Held:
         """Encode all rows, a few at a time; decode those that are asked for."""
         own = self.samples if materials.texels is None else self.texel_samples
-        angles = self.model.sample_angles(own if setting is None else setting.samples)
+        m = own if setting is None else setting.samples
+        angles = self.model.sample_angles(m, measured=materials.measured)
         f = materials.every(angles)
         start = time.process_time()
         parts = [

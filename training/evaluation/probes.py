@@ -41,14 +41,15 @@ class Group:
 
     names: tuple[str, ...]
     evaluate: Evaluate
+    measured: bool = False
 
     def first(self, n: int) -> Group:
         """The first `n` of them."""
-        return Group(self.names[:n], lambda angles: self.evaluate(angles)[:n])
+        return Group(self.names[:n], lambda angles: self.evaluate(angles)[:n], self.measured)
 
     def encoded(self, model: Trained) -> Latents:
         """Latents of all, from undamaged samples."""
-        angles = model.sample_angles(SAMPLES)
+        angles = model.sample_angles(SAMPLES, measured=self.measured)
         return model.encode(angles, self.evaluate(angles))
 
 
@@ -94,7 +95,7 @@ def measured_groups(data: Path) -> dict[str, Group]:
 
     def networks(some: NeuralBRDFs) -> Group:
         rows = torch.arange(len(some))
-        return Group(some.names, lambda angles: some.evaluate(rows, angles))
+        return Group(some.names, lambda angles: some.evaluate(rows, angles), measured=True)
 
     return {
         "merl_held_out": networks(merl.select(list(HELD_OUT))),

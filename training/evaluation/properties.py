@@ -17,8 +17,8 @@ from model_runtime.representation.latents import Latents
 
 from ..data.analytic import random_torrance_sparrow
 from .albedo import INCIDENCES, Albedos
-from .damages import measure_stability, stability_chart
-from .metric import Sphere, tone_map
+from .damages import measure_stability
+from .metric import Sphere, psnr, tone_map
 from .probes import SEED, Group, analytic_groups, measured_groups, reflecting, together
 
 __all__ = (
@@ -30,7 +30,7 @@ __all__ = (
     "neighbourhood",
     "range_of_values",
     "reciprocity",
-    "stability_chart",
+    "short_cut",
 )
 
 _FEW = 258
@@ -222,6 +222,25 @@ def neighbourhood(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, floa
     return {"rank_correlation": float(torch.corrcoef(ranks)[0, 1]), "pairs": len(apart)}
 
 
+def short_cut(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, float]:
+    """Torrance-Sparrow materials encoded from their parameters, and from samples: PSNR in dB of
+    either, mean and worst of `n`, against the truth.
+    """
+    states = random_torrance_sparrow(n, torch.Generator().manual_seed(SEED + 3))
+    kd, ks, alpha = states
+    group = reflecting(("",) * n, *states)
+    truth = sphere.render(group.evaluate, chunk=4)
+    report = {}
+    for name, latents in (
+        ("sampled", group.encoded(model)),
+        ("short", model.encode_parameters(torch.cat((kd, ks, alpha[:, None]), 1))),
+    ):
+        shown = sphere.render(lambda angles, z=latents: model.decode(z, angles), chunk=4)
+        scores = psnr(truth, shown).mean(1)
+        report |= {name: float(scores.mean()), f"{name}_min": float(scores.min())}
+    return report
+
+
 @torch.no_grad()
 def measure_properties(model: Trained, data: Path, *, pixels: int = 16) -> dict[str, Any]:
     """Every property of `model` on the same materials: numbers, ready for JSON.
@@ -239,5 +258,6 @@ def measure_properties(model: Trained, data: Path, *, pixels: int = 16) -> dict[
         "energy": {name: energy(model, group) for name, group in groups.items()},
         "agreement": agreement(model, everything),
         "neighbourhood": neighbourhood(model, sphere),
+        "short_cut": short_cut(model, sphere),
         "stability": measure_stability(model, data, sphere),
     }

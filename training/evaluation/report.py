@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
-from .charts import SET_TITLES, chart_frames, chart_materials, chart_speed
+from .charts import (
+    SET_TITLES,
+    chart_frames,
+    chart_materials,
+    chart_progress,
+    chart_speed,
+    chart_stability,
+)
 from .methods import METHODS
 from .results import Cell, Report
 from .sets import SETS
@@ -31,6 +40,18 @@ _CHARTS = (
         "representation_frames.png",
         chart_frames,
         "The two time-varying textures at five times (the paper's figure 6).",
+    ),
+    (
+        "representation_progress.png",
+        chart_progress,
+        "Seen and unseen measured materials while the encoders were trained (spheres of 12 pixels,"
+        " every fourth seen material).",
+    ),
+    (
+        "representation_stability.png",
+        chart_stability,
+        "Damage to what an encoder reads: 16 materials, MERL held out, RGL, Disney and"
+        " Torrance-Sparrow, against the undamaged truth. A hole is what a method cannot be told.",
     ),
 )
 INTERPOLATION = "interpolation.png"
@@ -77,6 +98,68 @@ def _cost_table(report: Report) -> str:
     return "\n".join(lines)
 
 
+_PROPERTIES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
+    (
+        "channels permuted: change of shared latents / of colour latents put back / of the decoded",
+        lambda p: " / ".join(
+            f"{p['colour_permutation'][key]:.0e}" for key in ("shared", "color", "decoded")
+        ),
+    ),
+    (
+        "light and eye exchanged: largest relative change",
+        lambda p: f"{p['reciprocity']['single']:.0e}",
+    ),
+    (
+        "to 89.9 degrees and mirror peaks: least / largest value",
+        lambda p: (
+            f"{p['range']['min']:.2g} / {p['range']['max']:.5g}"
+            + ("" if p["range"]["finite"] else ", not finite")
+        ),
+    ),
+    *(
+        (
+            f"light added, {title}: all incidences together / worst single incidence",
+            lambda p, key=key: (
+                f"{p['energy'][key]['diffuse_excess']:.1%} / {p['energy'][key]['excess']:.1%}"
+            ),
+        )
+        for key, title in (
+            ("torrance_sparrow", "Torrance-Sparrow"),
+            ("mirrors", "mirrors"),
+            ("bright", "albedo above 1"),
+            ("disney", "Disney"),
+            ("merl_held_out", "MERL held out"),
+            ("rgl", "RGL"),
+        )
+    ),
+    (
+        "batches of 1, 7, 64 and 1 or 2 threads: change of latents / of the decoded",
+        lambda p: f"{p['agreement']['latents']:.0e} / {p['agreement']['decoded']:.0e}",
+    ),
+    (
+        "near latents, near pictures: rank correlation",
+        lambda p: f"{p['neighbourhood']['rank_correlation']:.2f}",
+    ),
+    (
+        "parametric materials, mean / worst dB: sampled, and from their parameters",
+        lambda p: (
+            f"{p['short_cut']['sampled']:.1f} / {p['short_cut']['sampled_min']:.1f},"
+            f" {p['short_cut']['short']:.1f} / {p['short_cut']['short_min']:.1f}"
+        ),
+    ),
+)
+
+
+def _property_table(report: Report) -> str:
+    """What `measure_properties` found, a row a property, a column a method."""
+    known = {key: m.properties for key, m in report.methods.items() if m.properties}
+    lines = ["| property | " + " | ".join(METHODS[key].title for key in known) + " |"]
+    lines.append("|---" * (1 + len(known)) + "|")
+    for title, cell in _PROPERTIES:
+        lines.append(f"| {title} | " + " | ".join(cell(p) for p in known.values()) + " |")
+    return "\n".join(lines)
+
+
 def _explanation(report: Report) -> str:
     return f"""PSNR of tone-mapped spheres, {report.pixels} pixels wide, averaged over three \
 environment maps and then over materials. What is left out, and what the figures are of:
@@ -109,6 +192,9 @@ def write_report(report: Report, folder: Path) -> None:
         _explanation(report),
         "## Cost",
         _cost_table(report),
+        "## Properties",
+        _property_table(report),
+        "Light added is decoded minus true albedo, in shares of the incident light.",
         "## Charts",
     ]
     for file, draw, caption in _CHARTS:

@@ -16,6 +16,7 @@ from model_runtime.errors import UsageError
 
 from .methods import WEIGHTS, Budget, EncoderMethod, Held, Method, load_methods
 from .metric import Sphere
+from .properties import measure_properties
 from .report import INTERPOLATION, write_report
 from .results import Cell, MethodResult, Picture, Point, Report
 from .scoring import SHOWN, score, show, truth
@@ -71,7 +72,16 @@ def evaluate_representation(
     uniform = tuple(name for name in sets if name in UNIFORM)
     some = material_sets(data, small.inside, wanted=uniform, limit=curve.materials)
     curves = _curves(small, some, loaded, kept)
-    results = {name: replace(result, curve=curves[name]) for name, result in results.items()}
+    for name, result in results.items():
+        result = replace(result, curve=curves[name])
+        method = loaded[name]
+        if isinstance(method, EncoderMethod):
+            result = replace(
+                result,
+                progress=tuple(method.trained.get("curve", ())),
+                properties=measure_properties(method.model, data, pixels=curve.pixels),
+            )
+        results[name] = result
     report = Report(results, true_pictures, sphere.inside, time.perf_counter() - start)
     output.mkdir(parents=True, exist_ok=True)
     ours = loaded.get("ours")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -94,13 +95,16 @@ class Picture:
 
 @dataclass(frozen=True)
 class MethodResult:
-    """One method: its sets, its cost, its curve of accuracy over samples and its pictures
-    (by set and material)."""
+    """One method: its sets, its cost, its curve of accuracy over samples, its pictures (by set and
+    material), what its training saw of itself (see `Progress`), and its properties (see
+    `measure_properties`)."""
 
     cells: dict[str, Cell]
     cost: Cost
     curve: tuple[Point, ...]
     pictures: dict[tuple[str, str], Picture]
+    progress: tuple[Mapping[str, float], ...] = ()
+    properties: Mapping[str, Any] = field(default_factory=dict)
 
     def json(self) -> dict[str, Any]:
         """As the report's reader expects it."""
@@ -108,6 +112,8 @@ class MethodResult:
             "sets": {name: cell.json() for name, cell in self.cells.items()},
             **vars(self.cost),
             "curve": [point.json() for point in self.curve],
+            "progress": list(self.progress),
+            "properties": self.properties,
         }
 
 

@@ -49,7 +49,8 @@ class Materials:
 
     key: what they are called in files. names: what gets a score each, a uniform material or a
     frame. texels [P]: of a frame, the row that each pixel of the sphere shows; None where every row
-    is a material of its own. n: how many rows there are.
+    is a material of its own. n: how many rows there are. measured: whether they come from a
+    goniometer.
     """
 
     key: str
@@ -57,6 +58,7 @@ class Materials:
     evaluate: Evaluate
     texels: Tensor | None
     n: int
+    measured: bool = False
 
     def every(self, angles: Tensor) -> Tensor:
         """f [n, M, 3] of all rows."""
@@ -71,6 +73,7 @@ class Materials:
             lambda inner, angles: self.evaluate(rows[inner], angles),
             None,
             len(rows),
+            self.measured,
         )
 
 
@@ -123,7 +126,7 @@ def _grouped(sources: list[Materials], limit: int | None) -> list[Materials]:
 
 
 def _networks(key: str, networks: NeuralBRDFs) -> Materials:
-    return Materials(key, networks.names, networks.evaluate, None, len(networks))
+    return Materials(key, networks.names, networks.evaluate, None, len(networks), measured=True)
 
 
 def _measured(path: Path) -> Materials:
@@ -134,6 +137,7 @@ def _measured(path: Path) -> Materials:
         lambda rows, angles: brdf.evaluate(angles)[None].expand(len(rows), -1, -1),
         None,
         1,
+        measured=True,
     )
 
 
