@@ -206,7 +206,7 @@ class TestEnergy:
         class Brighter:
             name = "brighter"
 
-            def sample_angles(self, m: int) -> torch.Tensor:
+            def sample_angles(self, m: int, *, measured: bool = False) -> torch.Tensor:
                 return torch.zeros(1, 3)
 
             def encode(self, angles: torch.Tensor, f: torch.Tensor) -> None:
@@ -356,7 +356,7 @@ def test_distances_that_mean_nothing_do_not_correlate(sphere: Sphere):
     class Anything:
         name = "anything"
 
-        def sample_angles(self, m: int) -> torch.Tensor:
+        def sample_angles(self, m: int, *, measured: bool = False) -> torch.Tensor:
             return from_directions(torch.eye(3)[2:], torch.eye(3)[2:])
 
         def encode(self, angles: torch.Tensor, f: torch.Tensor) -> damages.Latents:
