@@ -12,8 +12,9 @@ The pattern is a growth process. Nuclei appear at random places and times (Johns
 Avrami 1939) and spread through a medium of uneven speed; the arrival time T solves the eikonal
 equation |grad T| = slowness on a coarse grid (Godunov's upwind scheme, Rouy and Tourin 1992), and
 octaves of noise roughen its borders down to a few texels. Arrival times are then replaced by their
-ranks, and the ranks by `PACE`, so that the same share of texels has started at a given time
-whatever the process, the seed and the size.
+ranks, and the ranks by a pace, so that the same share of texels has started at a given time
+whatever the seed and the size: `PACE` for what spreads, a gentler one for what the sun or the air
+does to a whole surface at once.
 
 Everything is laid out in fractions of the tile's longer side and drawn per octave, so a small map
 is the large one seen from further away.
@@ -35,6 +36,10 @@ PACE = ((0.0, 0.02), (0.06, 0.04), (0.30, 0.12), (0.76, 0.76), (1.0, 0.91))
 """(share of texels, time by which that share has started): a quick start, so that the first quarter
 of the timeline already shows spots, a steady border in between, and a remnant that turns last."""
 
+_EVERYWHERE = ((0.0, 0.005), (1.0, 0.12))  # nearly at once: a slight gradient
+_SETTLING = ((0.0, 0.01), (0.85, 0.45), (1.0, 0.7))  # all over, sheltered places last
+_EVAPORATING = ((0.0, 0.02), (0.06, 0.04), (0.30, 0.12), (0.95, 0.62), (1.0, 0.72))  # to the end
+
 _GRID = 192  # cells of the coarse growth grid along the longer side
 _LATE = 1e3  # an arrival time beyond any real one; finite, so that differences stay finite
 
@@ -55,6 +60,7 @@ class _Growth:
     raggedness: float  # amplitude of the border noise's first octave, in time
     gain: float  # amplitude ratio from one octave to the next finer one
     mottling: float  # log-amplitude by which histories run slower in places
+    pace: tuple[tuple[float, float], ...] = PACE
 
 
 _PROCESSES = {
@@ -73,6 +79,31 @@ _PROCESSES = {
         across=1.0, down=0.8, up=1.25, unevenness=1.0, grain=(9, 9), raggedness=0.06, gain=0.65,
         mottling=0.3,
     ),
+    "drying": _Growth(
+        nuclei=30, clusters=(3, 3), cluster_delay=0.7, birth_spread=0.15,
+        across=1.0, down=0.8, up=1.1, unevenness=0.9, grain=(7, 7), raggedness=0.09, gain=0.6,
+        mottling=0.15, pace=_EVAPORATING,
+    ),
+    "fading": _Growth(
+        nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
+        across=1.0, down=1.0, up=1.0, unevenness=0.2, grain=(2, 2), raggedness=0.03, gain=0.6,
+        mottling=0.1, pace=_EVERYWHERE,
+    ),
+    "soiling": _Growth(
+        nuclei=260, clusters=(2, 10), cluster_delay=0.5, birth_spread=0.3,
+        across=0.3, down=2.2, up=0.15, unevenness=0.7, grain=(3, 22), raggedness=0.12, gain=0.75,
+        mottling=0.5, pace=_SETTLING,
+    ),
+    "yellowing": _Growth(
+        nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
+        across=1.0, down=1.0, up=1.0, unevenness=0.3, grain=(3, 3), raggedness=0.04, gain=0.45,
+        mottling=0.15, pace=_EVERYWHERE,
+    ),
+    "moss": _Growth(
+        nuclei=45, clusters=(3, 3), cluster_delay=0.35, birth_spread=0.2,
+        across=1.0, down=1.0, up=1.0, unevenness=0.6, grain=(10, 10), raggedness=0.05, gain=0.8,
+        mottling=0.35,
+    ),
 }  # fmt: skip
 _SPOTS = _Growth(
     nuclei=120, clusters=(3, 3), cluster_delay=0.15, birth_spread=0.1,
@@ -85,9 +116,11 @@ def onset_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool
     """Time, 0 to 1, at which each texel's history starts: float32 [H, W].
 
     `process` is `rust` (clustered spots that grow and merge), `patina` (streaks running down and
-    soft patches), `char` (a ragged front burning outwards from a few places); any other name gets
-    plain spots. `tileable` patterns wrap at the edges without a seam; otherwise a burning front
-    also enters from an edge. The same arguments give the same map.
+    soft patches), `char` (a ragged front burning outwards from a few places), `drying` (dry islands
+    that eat into the wet), `soiling` (streaks below many sources), `moss` (cushions around a few
+    dozen spores), `fading` and `yellowing` (nearly at once); any other name gets plain spots.
+    `tileable` patterns wrap at the edges without a seam; otherwise a burning front also enters from
+    an edge. The same arguments give the same map.
     """
     height, width = shape
     assert min(shape) > 0, shape
@@ -97,7 +130,7 @@ def onset_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool
     arrival += growth.raggedness * fractal_noise(
         source.rng("border"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
     )
-    return _paced(arrival)
+    return _paced(arrival, growth.pace)
 
 
 def rate_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool = True) -> Array:
@@ -243,13 +276,13 @@ def _eikonal(
     return times
 
 
-def _paced(arrival: Array) -> Array:
-    """Arrival times replaced by `PACE` of their ranks."""
+def _paced(arrival: Array, pace: tuple[tuple[float, float], ...]) -> Array:
+    """Arrival times replaced by the `pace` of their ranks."""
     bins = 1 << 14
     low, high = float(arrival.min()), float(arrival.max())
     if high <= low:
         return np.zeros_like(arrival)
     counts, edges = np.histogram(arrival, bins, (low, high))
     shares = np.concatenate(([0.0], np.cumsum(counts) / arrival.size))
-    onset_at_edge = np.interp(shares, *np.transpose(PACE))
+    onset_at_edge = np.interp(shares, *np.transpose(pace))
     return np.interp(arrival, edges, onset_at_edge).astype(np.float32)

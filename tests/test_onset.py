@@ -1,4 +1,4 @@
-"""Onset maps: rust spreads from spots, at a pace that holds for every process, seed and size."""
+"""Onset maps: rust spreads from spots, at a pace that holds for every seed and size."""
 
 from __future__ import annotations
 
@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from model_runtime.onset import onset_map
+from model_runtime.onset import onset_map, rate_map
 
-PROCESSES = ("rust", "patina", "char", "frost")  # the last is one it knows nothing of
+SPREADING = ("rust", "patina", "char", "moss", "frost")  # the last is one it knows nothing of
+SETTLING = ("drying", "soiling")  # through by the end
+EVERYWHERE = ("fading", "yellowing")
+PROCESSES = SPREADING + SETTLING + EVERYWHERE
 FRAMES = {number: (number - 1) / 35 for number in range(9, 28)}  # issue 2: frames 9 to 27 of 36
 TURNED_AFTER = 0.1  # a history turns visibly within a local age of 0.1
 
 
-@pytest.fixture(scope="module", params=PROCESSES)
+@pytest.fixture(scope="module", params=SPREADING)
 def pattern(request):
     return onset_map(request.param, (256, 256), seed=5)
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("process", SPREADING)
 @pytest.mark.parametrize("shape", [(128, 128), (192, 320), (512, 512)])
 @pytest.mark.parametrize("seed", [0, 1, 2024])
 def test_a_fifth_is_untouched_and_a_fifth_has_turned_through_the_middle(process, shape, seed):
@@ -30,10 +33,27 @@ def test_a_fifth_is_untouched_and_a_fifth_has_turned_through_the_middle(process,
         assert np.mean(onset <= t - TURNED_AFTER) >= 0.2, f"frame {number}"
 
 
-def test_frame_one_is_untouched_and_every_texel_starts(pattern):
-    assert pattern.dtype == np.float32
-    assert pattern.min() > 0
-    assert pattern.max() < 1
+@pytest.mark.parametrize("process", PROCESSES)
+def test_frame_one_is_untouched_and_every_texel_starts(process):
+    onset = onset_map(process, (128, 128), seed=5)
+    assert onset.dtype == np.float32
+    assert onset.min() > 0
+    assert onset.max() < 1
+
+
+@pytest.mark.parametrize("process", SETTLING)
+def test_what_settles_or_dries_is_through_by_the_end(process):
+    onset = onset_map(process, (128, 128), seed=5)
+    assert np.ptp(onset) > 0.5
+    assert onset.max() < 0.75
+
+
+@pytest.mark.parametrize("process", EVERYWHERE)
+def test_light_and_air_reach_everything_at_about_the_same_time(process):
+    onset, rate = (f(process, (128, 128), seed=5) for f in (onset_map, rate_map))
+    assert 0.1 < np.ptp(onset) < 0.15
+    assert max(np.abs(np.diff(onset, axis=axis)).max() for axis in (0, 1)) < 0.02  # a gradient
+    assert rate.min() > 0.7
 
 
 def test_the_border_moves_in_every_frame(pattern):
@@ -61,9 +81,12 @@ def test_each_process_has_its_own_way_to_spread():
     assert early_spots("rust") > 40  # rust nucleates in many places,
     assert early_spots("char") < early_spots("rust") / 2  # fire starts in few
 
-    streaks = onset_map("patina", (256, 256), seed=1)
-    along, across = (np.abs(np.diff(streaks, axis=axis)).mean() for axis in (0, 1))
-    assert along < across / 2  # patina runs down
+    assert 8 < early_spots("moss") < early_spots("rust")  # and spores in some
+
+    for process in ("patina", "soiling"):
+        streaks = onset_map(process, (256, 256), seed=1)
+        along, across = (np.abs(np.diff(streaks, axis=axis)).mean() for axis in (0, 1))
+        assert along < across / 2  # both run down
 
 
 @pytest.mark.parametrize("process", PROCESSES)
