@@ -95,7 +95,9 @@ def ntm(
 
 @app.command
 def weathering(
-    process: tyro.conf.Positional[Literal["rust", "patina", "char"]],
+    process: tyro.conf.Positional[
+        Literal["rust", "patina", "char", "drying", "fading", "soiling", "yellowing", "moss"]
+    ],
     output: Path,
     size: int = 96,
     frames: int = 36,

@@ -1,9 +1,10 @@
-"""Weathering sequences of our own: rust on steel, patina on copper, charring wood.
+"""Weathering sequences of our own: rust on steel, patina on copper, moss on stone and the others.
 
 They are what the bundled models of change learn from, so a tile is no picture of one object: it is
-a patchwork of many materials the process may meet (each with variation inside its patch), worn
-borders between them included, which together cover the initial values that targets will have. The
-histories are those of `kinetics`; nothing comes from a data file.
+a patchwork of many materials the process may meet (`weathering_materials`; each with variation
+inside its patch), worn borders between them included, which together cover the initial values that
+fitting targets will have, and no others. The histories are those of `kinetics`; nothing comes from
+a data file.
 
 Half of the texels, drawn at random, start at once (onset 0), so that histories are seen through to
 a local age of 1; the others start when the process's onset map says.
@@ -12,11 +13,10 @@ a local age of 1; the others start when the process's onset map says.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from model_runtime.errors import InputError, OutputError
 from model_runtime.images import write_exr
@@ -24,6 +24,7 @@ from model_runtime.onset import fractal_noise, onset_map
 
 from .kinetics import PROCESSES, history
 from .sequences import Sequence, uniform_times
+from .weathering_materials import draw
 
 __all__ = ("generate", "initial_values", "write")
 
@@ -31,6 +32,8 @@ Array = NDArray[np.float32]
 Rng = np.random.Generator
 
 _PATCHES = 20  # patches along a side of the tile
+_WORN = 0.35  # share of the patches that wear through to a neighbour
+_NEVER_WORN = ("fading",)  # two dyes would blend to a grey, which has none to lose
 
 
 def generate(process: str, *, size: int = 96, frames: int = 36, seed: int = 0) -> Sequence:
@@ -97,11 +100,11 @@ def write(
 def initial_values(process: str, *, size: int, rng: Rng) -> tuple[Array, Array, Array]:
     """A patchwork of materials before the process: Kd, Ks [size, size, 3], alpha [size, size]."""
     count = _PATCHES * _PATCHES
-    materials = np.stack([_KINDS[process](rng) for _ in range(count)]).astype(np.float32)
+    materials = np.stack([draw(process, rng) for _ in range(count)]).astype(np.float32)
     patch, neighbour, border = _patches(size, rng)
 
-    # A third of the patches wears through to the neighbour: shares between two materials.
-    worn = (rng.random(count) < 0.35)[patch]
+    # Where patches wear through to the neighbour there are shares between two materials.
+    worn = (rng.random(count) < (0 if process in _NEVER_WORN else _WORN))[patch]
     wear = fractal_noise(rng, (size, size), cells=(12, 12), gain=0.7) - 4.0 * border + 0.4
     share = np.where(worn, 1 / (1 + np.exp(-4.0 * wear)), 0.0)[..., None].astype(np.float32)
     values = materials[patch] * (1 - share) + materials[neighbour] * share
@@ -115,8 +118,8 @@ def initial_values(process: str, *, size: int, rng: Rng) -> tuple[Array, Array, 
     ]
     light, *channels, rough = (g[..., None] for g in grain)
     gain = np.exp(strength * (0.6 * light + 0.25 * np.concatenate(channels, -1)))
-    kd = np.clip(values[..., 0:3] * gain, 0.0, 0.95)
     ks = np.clip(values[..., 3:6] * gain, 0.0, 0.98)
+    kd = np.clip(values[..., 0:3] * gain, 0.0, 0.95 * (1 - ks))
     alpha = np.clip(values[..., 6:7] * np.exp(1.2 * strength * rough), 0.004, 1.0)
     return kd.astype(np.float32), ks.astype(np.float32), alpha[..., 0].astype(np.float32)
 
@@ -142,84 +145,3 @@ def _patches(size: int, rng: Rng) -> tuple[NDArray[np.int64], NDArray[np.int64],
     near = np.take_along_axis(distance, order, 0)
     patch, neighbour = np.take_along_axis(owner, order, 0)
     return patch, neighbour, (near[1] - near[0]).astype(np.float32)
-
-
-def _material(kd: Array, ks: ArrayLike, alpha: float) -> Array:
-    return np.concatenate([kd, np.broadcast_to(ks, 3), [alpha]])
-
-
-def _between(rng: Rng, low: float, high: float) -> float:
-    """A number between two, even in its logarithm: widths and lightnesses are told apart so."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
-def _hue(rng: Rng, saturation: float) -> Array:
-    """A random colour of lightness 1 at its brightest channel; grey at saturation 0, pure at 1."""
-    colour = rng.random(3) ** (4 * saturation)
-    return colour / colour.max()
-
-
-def _metal(rng: Rng, colour: Array, low: float, high: float) -> Array:
-    """Bare metal: almost no Kd, Ks between `low` and `high` at its brightest channel."""
-    tint = colour * np.exp(0.05 * rng.standard_normal(3))
-    ks = tint / tint.max() * rng.uniform(low, high)
-    return _material(ks * rng.uniform(0, 0.08), ks, _between(rng, 0.01, 0.7))
-
-
-def _coat(rng: Rng, colour: Array, dullest: float = 0.8) -> Array:
-    """Paint, lacquer or another dielectric over the given Kd."""
-    return _material(colour, rng.uniform(0.015, 0.085), _between(rng, 0.01, dullest))
-
-
-def _anything(rng: Rng) -> Array:
-    """Whatever else a model may be tried on: plastics and metals of any colour."""
-    colour = _hue(rng, 0.5 * rng.random())
-    if rng.random() < 0.5:
-        return _metal(rng, colour, 0.2, 0.95)
-    return _coat(rng, colour * _between(rng, 0.05, 0.95), 1.0)
-
-
-def _steel_like(rng: Rng) -> Array:
-    kind = rng.random()
-    if kind < 0.40:  # iron and steel, polished to mill finish; galvanised at the bright end
-        return _metal(rng, np.array((1.0, 0.985, 0.965)), 0.25, 0.85)
-    if kind < 0.78:  # painted steel, any hue, pale to dark
-        return _coat(rng, _hue(rng, rng.random()) * _between(rng, 0.03, 0.9))
-    if kind < 0.86:  # already rusty
-        rust = np.array((0.25, 0.085, 0.026)) * _between(rng, 0.35, 1.3)
-        return _coat(rng, rust, 1.0)
-    return _anything(rng)
-
-
-def _copper_like(rng: Rng) -> Array:
-    kind = rng.random()
-    if kind < 0.40:  # copper
-        return _metal(rng, np.array((1.0, 0.62, 0.45)), 0.35, 0.97)
-    if kind < 0.62:  # brass and bronze
-        brass, bronze = np.array((1.0, 0.78, 0.38)), np.array((1.0, 0.70, 0.42))
-        return _metal(rng, brass + (bronze - brass) * rng.random(), 0.3, 0.95)
-    if kind < 0.80:  # tarnished: some of the colour has gone from Ks to Kd
-        dull = _metal(rng, np.array((1.0, 0.6, 0.42)), 0.15, 0.5)
-        dull[:3] += np.array((0.12, 0.05, 0.026)) * rng.random()
-        return dull
-    return _anything(rng)
-
-
-def _wood_like(rng: Rng) -> Array:
-    kind = rng.random()
-    if kind < 0.62:  # woods, pale maple to wenge, raw to lacquered
-        hue = np.array((1.0, rng.uniform(0.45, 0.8), 0.0))
-        hue[2] = hue[1] * rng.uniform(0.35, 0.8)
-        return _coat(rng, hue * _between(rng, 0.05, 0.75), 1.0)
-    if kind < 0.78:  # leather, card, cloth
-        return _coat(rng, _hue(rng, 0.6 * rng.random()) * _between(rng, 0.03, 0.8), 1.0)
-    if kind < 0.90:  # painted wood
-        return _coat(rng, _hue(rng, rng.random()) * _between(rng, 0.03, 0.9))
-    return _anything(rng)
-
-
-_KINDS: dict[str, Callable[[Rng], Array]] = {
-    "rust": _steel_like,
-    "patina": _copper_like,
-    "char": _wood_like,
-}
