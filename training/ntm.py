@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
@@ -18,6 +18,7 @@ from model_runtime.package import ModelCard, hash_tensors, read_card, save_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Representation, inverse_log_transform
+from model_runtime.representation.paper import PaperRepresentation
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
@@ -26,9 +27,10 @@ from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
 from .histories import SourceHistories, source_histories
 
-__all__ = ("NTMConfig", "train_ntm")
+__all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
 
 Model = ParameterLSTM | LatentLSTM
+Kind = Literal["parameters", "latents"]
 
 _HELD_OUT = 0.1
 _VALIDATION_TEXELS = 256
@@ -46,6 +48,19 @@ class NTMConfig:
     margin: float = 1.0
 
 
+@dataclass(frozen=True)
+class Run:
+    """Where a training leaves its checkpoints (`base` with the LSTM's name added) and, unless
+    None, its TensorBoard logs; how long it may take; from which seed.
+    """
+
+    base: Path
+    log: Path | None = None
+    resume: bool = False
+    minutes: float | None = None
+    seed: int = 0
+
+
 def train_ntm(
     *,
     sequence: Path,
@@ -58,78 +73,108 @@ def train_ntm(
     config: NTMConfig = NTMConfig(),
 ) -> Path:
     """Train every rung of the ladder on a sequence and write the NTM to `output`; returns that
-    path.
-
-    A tenth of the texels is held out; on them each rung is scored (mean appearance PSNR over the
-    ages), and the cheapest one that reaches `config.sufficient` or is within `config.margin` of the
-    best is what `auto` will use. `card` holds name, title, description, process, source, license.
+    path. `card` holds name, title, description, process, source, license.
     """
     representation, identity = load_representation(encoder)
     source = source_histories(read_sequence(sequence, clamp=False), representation, seed=seed)
-    g = torch.Generator().manual_seed(seed)
-    order = torch.randperm(len(source.parameters), generator=g)
-    held = max(1, int(len(order) * _HELD_OUT))
-    train, test = source.select(order[held:]), source.select(order[:held][:_VALIDATION_TEXELS])
-
-    torch.manual_seed(seed)
-    parameters = ParameterLSTM()
-    parameters.standardise(train.parameters)
-    latents = LatentLSTM(*representation.latent_sizes)
-    faithful = representation.name == "paper"
-    if not faithful:
-        latents.standardise(train.latents)
-    each = None if minutes is None else minutes / 2
-    done: dict[str, Any] = {}
-    for name, model, states, loss_of in (
-        ("parameters", parameters, train.parameters, _parameter_loss),
-        ("latents", latents, train.latents, _paper_loss if faithful else _latent_loss),
-    ):
-        done[name] = _train(
-            model,
-            states,
-            train.observed,
-            loss_of,
-            config,
-            checkpoint=output.with_suffix(f".{name}.checkpoint.safetensors"),
-            log=output.with_suffix(".tensorboard") / name,
-            resume=resume,
-            minutes=each,
-            seed=seed,
-        )
-    affine = Affine.fit(train.parameters, train.observed)
-    domain = Domain.of(train.parameters[:, 0], seed=seed)
-    frames = source.parameters.shape[1]
+    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
+    ntm = train_ladder(source, representation, config, run)
+    found = ntm.card.details
     details: dict[str, Any] = {
         **card,
         "source": f"{card['source']}. Encoder: {read_card(encoder).source}",
-        "frames": frames,
+        "frames": ntm.frames,
         "representation": identity,
-        "domain": {"radius": domain.radius, "ranges": _ranges(train.parameters[:, 0])},
-    }
-    draft = ModelCard(output, "ntm", 1, card["name"], card["title"], frames=frames, details=details)
-    ntm = NeuralTemporalModel(draft, affine, parameters, latents, domain)
-    scores = {rung: _score(rung, ntm, test, representation) for rung in LADDER}
-    chosen = _choose(scores, config)
-    details |= {
-        "temporal_model": chosen,
-        "ladder": {rung: round(score, 1) for rung, score in scores.items()},
+        **found,
         "trained": {
             "command": f"python -m training ntm --sequence {sequence} --encoder {encoder.name} "
             f"--output {output.name} --name {card['name']} --seed {seed}"
             + (f" --minutes {minutes:g}" if minutes is not None else ""),
-            "iterations": {name: record["iterations"] for name, record in done.items()},
-            "minutes": round(sum(record["seconds"] for record in done.values()) / 60, 1),
-            "seed": seed,
-            "texels": len(source.parameters),
-            "out_of_range": round(source.out_of_range, 4),
+            **found["trained"],
         },
     }
     save_model(output, ntm.tensors(), details, kind="ntm")
     print(
-        f"{output}: {chosen}; held-out texels "
-        + ", ".join(f"{k} {v:.1f} dB" for k, v in scores.items())
+        f"{output}: {ntm.chosen}; held-out texels "
+        + ", ".join(f"{k} {v:.1f} dB" for k, v in found["ladder"].items())
     )
     return output
+
+
+def train_ladder(
+    source: SourceHistories, representation: Representation, config: NTMConfig, run: Run
+) -> NeuralTemporalModel:
+    """Every rung of the ladder, trained on `source`, under a card that holds what training found:
+    domain, temporal_model, ladder, trained.
+
+    A tenth of the texels is held out; on them each rung is scored (mean appearance PSNR over the
+    ages), and the cheapest one that reaches `config.sufficient` or is within `config.margin` of the
+    best is what `auto` will use.
+    """
+    g = torch.Generator().manual_seed(run.seed)
+    order = torch.randperm(len(source.parameters), generator=g)
+    held = max(1, int(len(order) * _HELD_OUT))
+    train, test = source.select(order[held:]), source.select(order[:held][:_VALIDATION_TEXELS])
+
+    each = replace(run, minutes=None if run.minutes is None else run.minutes / 2)
+    parameters, first = train_lstm("parameters", train, representation, config, each)
+    latents, second = train_lstm("latents", train, representation, config, each)
+    assert isinstance(parameters, ParameterLSTM)
+    assert isinstance(latents, LatentLSTM)
+    affine = Affine.fit(train.parameters, train.observed)
+    domain = Domain.of(train.parameters[:, 0], seed=run.seed)
+    card = ModelCard(run.base, "ntm", 1, "", "", frames=source.parameters.shape[1])
+    ntm = NeuralTemporalModel(card, affine, parameters, latents, domain)
+    scores = {rung: _score(rung, ntm, test, representation) for rung in LADDER}
+    details = {
+        "domain": {"radius": domain.radius, "ranges": _ranges(train.parameters[:, 0])},
+        "temporal_model": _choose(scores, config),
+        "ladder": {rung: round(score, 1) for rung, score in scores.items()},
+        "trained": {
+            "iterations": {"parameters": first["iterations"], "latents": second["iterations"]},
+            "minutes": round((first["seconds"] + second["seconds"]) / 60, 1),
+            "seed": run.seed,
+            "texels": len(source.parameters),
+            "out_of_range": round(source.out_of_range, 4),
+        },
+    }
+    return replace(ntm, card=replace(card, details=details))
+
+
+def train_lstm(
+    kind: Kind,
+    source: SourceHistories,
+    representation: Representation,
+    config: NTMConfig,
+    run: Run,
+) -> tuple[Model, dict[str, Any]]:
+    """One LSTM that rolls parameters or latents out, and the record of its training: steps,
+    iterations, seconds. On the latents of the paper's encoders it is trained as in the paper.
+    """
+    torch.manual_seed(run.seed)
+    model: Model
+    if kind == "parameters":
+        model, states, loss_of = ParameterLSTM(), source.parameters, _parameter_loss
+        model.standardise(states)
+    else:
+        model, states = LatentLSTM(*representation.latent_sizes), source.latents
+        faithful = isinstance(representation, PaperRepresentation)
+        loss_of = _paper_loss if faithful else _latent_loss
+        if not faithful:
+            model.standardise(states)
+    record = _train(
+        model,
+        states,
+        source.observed,
+        loss_of,
+        config,
+        checkpoint=run.base.with_suffix(f".{kind}.checkpoint.safetensors"),
+        log=None if run.log is None else run.log / kind,
+        resume=run.resume,
+        minutes=run.minutes,
+        seed=run.seed,
+    )
+    return model, record
 
 
 def _ranges(initial: Tensor) -> dict[str, list[float]]:
@@ -172,7 +217,7 @@ def _train(
     config: NTMConfig,
     *,
     checkpoint: Path,
-    log: Path,
+    log: Path | None,
     resume: bool,
     minutes: float | None,
     seed: int,
@@ -180,8 +225,6 @@ def _train(
     """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the run's record:
     steps, iterations and seconds.
     """
-    from torch.utils.tensorboard import SummaryWriter
-
     g = torch.Generator().manual_seed(seed)
     optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate, betas=(0.9, 0.99))
     frames = states.shape[1]
@@ -197,12 +240,8 @@ def _train(
         return value
 
     run = {"seed": seed, "config": asdict(config), "states": hash_tensors({"": states})}
-    record: dict[str, Any] = {
-        "step": 0,
-        "seconds": 0.0,
-        "iterations": config.iterations,
-        "run": run,
-    }
+    record: dict[str, Any] = {"step": 0, "seconds": 0.0, "run": run}
+    record["iterations"] = config.iterations
     if resume and checkpoint.exists():
         record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, run=run)
     elif minutes is not None:
@@ -212,7 +251,11 @@ def _train(
             one_step()
         record["iterations"] = max(1, int(minutes * 60 * 5 / (time.monotonic() - start)))
         g.manual_seed(seed)
-    writer, saved = SummaryWriter(log), time.monotonic()
+    writer, saved = None, time.monotonic()
+    if log is not None:  # TensorBoard takes seconds to import
+        from torch.utils.tensorboard import SummaryWriter
+
+        writer = SummaryWriter(log)
     begun = saved - record["seconds"]
     total = record["iterations"]
     bar = tqdm(range(record["step"], total), initial=record["step"], total=total)
@@ -227,7 +270,8 @@ def _train(
             bar.set_postfix_str(
                 f"{checkpoint.stem.split('.')[1]} loss {value.item():.5f}", refresh=False
             )
-            writer.add_scalar("loss", value.item(), step)
+            if writer is not None:
+                writer.add_scalar("loss", value.item(), step)
         if time.monotonic() - saved > 60 or step == total - 1:
             saved = time.monotonic()
             record |= {"step": step + 1, "seconds": saved - begun}
