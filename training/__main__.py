@@ -119,27 +119,44 @@ def weathering(
 
 @app.command
 def evaluate(
-    what: tyro.conf.Positional[Literal["representation"]],
+    what: tyro.conf.Positional[Literal["representation", "synthesis"]],
     output: Path,
     pixels: int = 64,
     methods: tuple[str, ...] = (),
+    cases: tuple[str, ...] = (),
     json: bool = False,
 ) -> None:
     """Measure what is bundled beside its rivals; reports go to the output folder.
 
     Args:
-        what: the PSNR of BRDF representations on every set of materials.
-        output: the folder to write.
+        what: the PSNR of BRDF representations on every set of materials, or of models of change on
+            every case of synthesis.
+        output: the folder to write; what is finished there is not done again.
         pixels: width of the rendered spheres (fewer is faster and rougher).
-        methods: only these (ours, paper, brdfnps, nbrdf, ...); all by default.
+        methods: only these (ours, paper, brdfnps, nbrdf, stt, ...); all by default.
+        cases: of synthesis, only these (s1_a0.6_b0.05, s3, real_tvbtf45, ...); all by default.
         json: print the report on stdout as JSON instead of a table.
     """
     from .data.location import data_folder
-    from .evaluation.report import main_table
-    from .evaluation.representation import evaluate_representation
 
-    report = evaluate_representation(data_folder(), output, pixels=pixels, methods=methods or None)
-    print(dumps(report.json(), indent=1) if json else main_table(report))
+    if what == "representation":
+        from .evaluation.report import main_table
+        from .evaluation.representation import evaluate_representation
+
+        if cases:
+            raise UsageError("Only synthesis has cases.", "Leave out --cases.")
+        chosen = methods or None
+        report = evaluate_representation(data_folder(), output, pixels=pixels, methods=chosen)
+        table = main_table(report)
+    else:
+        from .evaluation.synthesis import evaluate_synthesis
+        from .evaluation.synthesis_report import tables
+
+        report = evaluate_synthesis(
+            data_folder(), output, pixels=pixels, methods=methods or None, cases=cases or None
+        )
+        table = tables(report)
+    print(dumps(report.json(), indent=1) if json else table)
 
 
 def _check_minutes(minutes: float | None) -> None:

@@ -1,0 +1,110 @@
+"""What the report `synthesis` found, and how it is written as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+__all__ = ("CaseResult", "Curve", "SynthesisReport", "averaged")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """PSNR in dB of some `frames`, counted from 0, of a history of `length`.
+
+    Frame 0 is given to the methods: it is shown in charts and in no number. Of dear methods not
+    every frame is scored; between two that are, the curve is a line.
+    """
+
+    frames: tuple[int, ...]
+    psnr: tuple[float, ...]
+    length: int
+
+    @property
+    def every(self) -> np.ndarray:
+        """PSNR of the frames 1 to the last."""
+        first = int(self.frames[0] == 0)
+        return np.interp(np.arange(1, self.length), self.frames[first:], self.psnr[first:])
+
+    def json(self) -> dict[str, float]:
+        """Over all frames but the given one."""
+        every = self.every
+        return {
+            "mean": round(float(every.mean()), 2),
+            "final": round(float(every[-1]), 2),
+            "min": round(float(every.min()), 2),
+        }
+
+
+def averaged(curves: list[Curve]) -> Curve:
+    """The mean of curves of the same length, over the frames that all have: of the materials of
+    one case, of which a method may find some dear and others not.
+    """
+    assert len({curve.length for curve in curves}) == 1
+    common = sorted(set.intersection(*(set(curve.frames) for curve in curves)))
+    mean = [np.mean([c.psnr[c.frames.index(frame)] for c in curves]) for frame in common]
+    return Curve(tuple(common), tuple(map(float, mean)), curves[0].length)
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """One case: `curves`, `ceilings` (of the representation alone), `after_fit` (of measured cases,
+    as textures would hold it), `true_onset` and `statistics` (of cases with spots; see
+    `synthesis_timing`), by method; `clamped`, the share of the truth's values out of range;
+    `chosen`, the rung that `ours` took for each material.
+    """
+
+    curves: Mapping[str, Curve]
+    ceilings: Mapping[str, Curve] = field(default_factory=dict)
+    after_fit: Mapping[str, Curve] = field(default_factory=dict)
+    true_onset: Mapping[str, Curve] = field(default_factory=dict)
+    statistics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    chosen: Mapping[str, str] = field(default_factory=dict)
+    clamped: float = 0.0
+
+    def json(self) -> dict[str, Any]:
+        """The numbers of every method; the curves in full."""
+        rest: dict[str, Any] = {
+            name: {method: curve.json() for method, curve in curves.items()}
+            for name, curves in (
+                ("ceilings", self.ceilings),
+                ("after_fit", self.after_fit),
+                ("true_onset", self.true_onset),
+            )
+            if curves
+        }
+        if self.statistics:
+            rest["statistics"] = dict(self.statistics)
+        if self.chosen:
+            rest["chosen"] = dict(self.chosen)
+        return {
+            "methods": {name: curve.json() for name, curve in self.curves.items()},
+            "frames": {
+                name: dict(zip(curve.frames, np.round(curve.psnr, 2).tolist(), strict=True))
+                for name, curve in self.curves.items()
+            },
+            "clamped": round(self.clamped, 4),
+            **rest,
+        }
+
+
+@dataclass(frozen=True)
+class SynthesisReport:
+    """Every case by name; minutes that one training of each method took."""
+
+    cases: Mapping[str, CaseResult]
+    train_minutes: Mapping[str, float]
+    settings: Mapping[str, Any]
+    seconds: float
+
+    def json(self) -> dict[str, Any]:
+        """The content of `synthesis.json`."""
+        return {
+            "cases": {name: case.json() for name, case in self.cases.items()},
+            "train_minutes": dict(self.train_minutes),
+            "settings": dict(self.settings),
+            "seconds": round(self.seconds, 1),
+        }
