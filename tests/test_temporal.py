@@ -75,6 +75,16 @@ class TestAffine:
         torch.testing.assert_close(affine.gain, (1 - 0.5 * age).expand(5, 7), rtol=1e-3, atol=1e-4)
         torch.testing.assert_close(affine.offset, (0.2 * age).expand(5, 7), rtol=1e-3, atol=1e-4)
 
+    def test_an_age_that_nothing_was_observed_at_is_as_the_one_before(self):
+        """Where every history starts late, none is seen to its end."""
+        start = torch.rand(50, 1, 7)
+        age = torch.linspace(0, 1, 5)[:, None]
+        histories = (1 - 0.5 * age) * start + 0.2 * age
+        observed = torch.arange(5).expand(50, 5) < 3
+        rolled = Affine.fit(histories, observed).rollout(start[:, 0], 5)
+        torch.testing.assert_close(rolled[:, :3], histories[:, :3], rtol=1e-3, atol=1e-4)
+        torch.testing.assert_close(rolled[:, 3:], rolled[:, 2:3].expand(-1, 2, -1))
+
     def test_one_material_alone_keeps_its_differences(self):
         """Where nothing varies, no gain can be learned: 1, and the whole change is an offset."""
         history = torch.linspace(0.2, 0.6, 4)[:, None].expand(4, 7)

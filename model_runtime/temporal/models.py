@@ -41,7 +41,8 @@ class Affine:
     def fit(cls, histories: Tensor, observed: Tensor) -> Affine:
         """Least squares on `histories` [N, T, D] where `observed` [N, T].
 
-        Gains stay within 0..4: the paper's S1 needs up to 3, S2 up to 2.25; beyond is noise.
+        Gains stay within 0..4: the paper's S1 needs up to 3, S2 up to 2.25; beyond is noise. An age
+        that nothing was observed at is as the one before.
         """
         weight = observed.to(histories.dtype)[..., None]
         count = weight.sum(0).clamp_min(1)
@@ -56,6 +57,8 @@ class Affine:
         gain[0] = 1
         offset = mean - gain * mean_start
         offset[0] = 0
+        for age in (~observed.any(0)).nonzero()[:, 0].tolist():
+            gain[age], offset[age] = gain[max(age - 1, 0)], offset[max(age - 1, 0)]
         return cls(gain, offset)
 
     def rollout(self, state: Tensor, frames: int) -> Tensor:
