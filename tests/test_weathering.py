@@ -144,7 +144,8 @@ def test_a_wetted_surface_dries_to_what_it_was():
     wet = wetted(dry) * (1 - film)
     assert ((0.33 * dry < wet) & (wet < 0.6 * dry)).all()
     assert saturation(wet) > saturation(dry)
-    again, ks, _ = history("drying", wet, film, *np.array((0.05, 1.0), np.float32)[:, None])
+    alpha, age = (np.array(v, np.float32) for v in (0.05, 1.0))
+    again, ks, _ = history("drying", wet, film, alpha, age)
     np.testing.assert_allclose(again, dry * (1 - film), rtol=0.02)
     assert ks.max() < film.min()
 
