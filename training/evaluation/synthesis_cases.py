@@ -31,8 +31,9 @@ GRID = {
 REAL: tuple[str, ...] = ("real_tvbtf45", "real_snowyground", "real_steelrusting")
 CASES = (*GRID, "s3", "s4", *REAL)
 
-PBR = ("Wood049", "Metal024", "Leather028", "PaintedWood007B")
-"""Materials of S1 and S2: two smooth ones and two rough ones, metal, wood, paint and leather."""
+PBR = ("Wood049", "Metal024", "Plastic005", "PaintedWood007B")
+"""Materials of S1 and S2: metal, wood, paint and plastic, alpha 0.04 to 0.26; at most an eighth of
+the values of a cell must be clamped."""
 
 MIXTURES = (("alum-bronze", "dark-red-paint"), ("blue-acrylic", "pink-felt"))
 """Pairs of S3: measured materials that no bundled model was trained on."""
