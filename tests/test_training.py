@@ -58,7 +58,7 @@ class Killed(BaseException):
 def fast_clock(step: float) -> SimpleNamespace:
     """Every look at it is `step` seconds after the last."""
     now = iter(range(10**9))
-    return SimpleNamespace(monotonic=lambda: next(now) * step)
+    return SimpleNamespace(monotonic=lambda: next(now) * step, process_time=time.process_time)
 
 
 @pytest.fixture
