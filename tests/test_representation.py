@@ -192,6 +192,28 @@ def test_equal_texels_are_equal_wherever_they_stand_in_a_batch(model):
     torch.testing.assert_close(flat, flat[:1].expand_as(flat), rtol=1e-5, atol=1e-6)
 
 
+class TestJoint:
+    """BRDFNPs, the ablation: nothing is split by channel, so nothing is said about permutations."""
+
+    def test_all_latents_are_shared(self):
+        torch.manual_seed(1)
+        model = build("brdfnps").eval()
+        assert model.latent_sizes == (0, 10)
+        latents = encoded(model)
+        assert latents.color.shape == (10, 3, 0)
+        assert latents.flat().shape == (10, 10)
+        assert torch.equal(latents.unflat(latents.flat()).shared, latents.shared)
+        assert model.decode(latents, visible()).shape == (10, len(visible()), 3)
+
+    def test_it_sees_the_channels_in_their_order(self):
+        torch.manual_seed(1)
+        model = build("brdfnps").eval()
+        one, other = (
+            encoded(model, lambda a, o=o: materials(a)[..., o]) for o in ([0, 1, 2], [2, 1, 0])
+        )
+        assert not torch.allclose(one.shared, other.shared, rtol=1e-3)
+
+
 class TestPaper:
     def test_z_rgb_is_the_channel_median_of_the_transformed_values(self):
         model = PaperRepresentation().eval()
