@@ -27,9 +27,10 @@ def encoder(
 
     Args:
         output: the .safetensors file to write; checkpoints and logs go beside it.
-        config: the recipe.
+        config: fast is the bundled encoder's recipe and paper the published one; paper-short and
+            brdfnps-short are for an hour on our training data, to compare with.
         resume: go on from the checkpoint beside the output.
-        minutes: train about this long instead of the recipe's number of iterations.
+        minutes: train about so many minutes of one core instead of the recipe's iterations.
         seed: of all random numbers.
     """
     from .encoder import train_encoder
