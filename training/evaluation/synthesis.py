@@ -17,6 +17,7 @@ from model_runtime.errors import UsageError
 from model_runtime.package import ENCODER
 
 from ..data.sequences import Sequence
+from .gallery import draw_figure_10, draw_gallery
 from .methods import WEIGHTS
 from .synthesis_cases import CASES, Case, make_cases
 from .synthesis_charts import SHOWCASES, Strip
@@ -44,7 +45,7 @@ def evaluate_synthesis(
     weights: Path = WEIGHTS,
 ) -> SynthesisReport:
     """Score `methods` on `cases` (default: all of `METHODS` and `CASES`); write `synthesis.json`,
-    `.md` and pictures to `output`.
+    `.md` and pictures to `output`; of all cases also what the bundled NTMs do to real materials.
 
     PSNR in dB on the metric of DESIGN.md: textures `pixels` wide, a texel a pixel. Methods that
     decode latents are scored on every `stride`-th row and column of the sphere and every fifth
@@ -93,6 +94,9 @@ def evaluate_synthesis(
     report = SynthesisReport(results, minutes, settings, time.perf_counter() - start)
     output.mkdir(parents=True, exist_ok=True)
     write_report(report, strips, output)
+    if cases is None:
+        draw_gallery(data, output / "gallery.png", kept=kept)
+        draw_figure_10(data, output / "figure_10.png", kept=kept)
     text = json.dumps(report.json(), indent=1)
     (output / "synthesis.json").write_text(text, encoding="utf-8")
     return report

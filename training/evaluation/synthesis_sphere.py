@@ -46,12 +46,17 @@ class TexturedSphere:
     few: Tensor
 
     @classmethod
-    def load(cls, hdri: Path, *, pixels: int, stride: int, kept: Path) -> TexturedSphere:
-        """A sphere `pixels` wide; of its rows and columns every `stride`-th is among the few. The
-        table is kept in the folder `kept`.
+    def load(
+        cls, hdri: Path, *, pixels: int, stride: int, kept: Path, height: int = 32, width: int = 64
+    ) -> TexturedSphere:
+        """A sphere `pixels` wide under maps of `height` x `width` directions; of its rows and
+        columns every `stride`-th is among the few. The table is kept in the folder `kept`.
         """
-        sphere = Sphere.load(hdri, pixels=pixels)
-        path, made_from = kept / "sphere.safetensors", identity(sphere.weights, f"{_ALPHAS}")
+        sphere = Sphere.load(hdri, pixels=pixels, height=height, width=width)
+        path, made_from = (
+            kept / f"sphere_{pixels}.safetensors",
+            identity(sphere.weights, f"{_ALPHAS}"),
+        )
         table = read_kept(path, made_from)
         if table is None:
             table = _table(sphere)
