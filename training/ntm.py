@@ -138,7 +138,11 @@ def train_ladder(
     seconds = sum(record["seconds"] for record in records)
     if not any(suffices(scores[rung], config.sufficient) for rung in cheap):
         short = [
-            replace(config, iterations=max(1, round(record["iterations"] * share)))
+            replace(
+                config,
+                iterations=max(1, round(record["iterations"] * share)),
+                warm_up=max(1, round(config.warm_up * share)),
+            )
             for record in records
         ]
         for name, part in ranges.items():
