@@ -64,6 +64,7 @@ def evaluate_synthesis(
     kept = output / "kept"
     school = School(kept, effort or Effort())
     taught = load_models(names, school, encoder=encoder, weights=weights)
+    domains = domain_roc(list_models((models,)), data)
     sphere = TexturedSphere.load(data / "hdri", pixels=pixels, stride=stride, kept=kept)
 
     scored: dict[str, dict[str, dict[str, Scored]]] = defaultdict(dict)
@@ -93,7 +94,6 @@ def evaluate_synthesis(
         name: round(float(np.mean(list(each.values()))), 3) for name, each in school.minutes.items()
     }
     settings = {"pixels": pixels, "stride": stride, "effort": asdict(school.effort)}
-    domains = domain_roc(list_models((models,)), data)
     report = SynthesisReport(results, minutes, settings, time.perf_counter() - start, domains)
     output.mkdir(parents=True, exist_ok=True)
     write_report(report, strips, output)
