@@ -32,7 +32,7 @@ def domain(process: str) -> Domain:
     """As training makes it, of the tile with seed 0."""
     first = generate(process, size=96, frames=2, seed=0)
     maps = np.concatenate((first.kd[0], first.ks[0], first.alpha[0][..., None]), -1)
-    return Domain.of(torch.from_numpy(maps.reshape(-1, 7))[:8192])
+    return Domain.of(torch.from_numpy(maps.reshape(-1, 7)))
 
 
 def write_ntm(path: Path, process: str, known: Domain) -> None:

@@ -140,9 +140,9 @@ class TestScore:
         first, second = source.mixture.pure(angles)
         share = float(torch.from_numpy(weights).flatten(1)[2, 7])
         torch.testing.assert_close(values[7, 2], (1 - share) * first + share * second)
-        torch.testing.assert_close(
-            source.select(torch.tensor([7])).mixture.evaluate(angles)[0], values[7]
-        )
+        one = source.select(torch.tensor([7])).mixture
+        assert one is not None
+        torch.testing.assert_close(one.evaluate(angles)[0], values[7])
 
         ntm = model(source, representation)
         fitted = replace(source, mixture=None)
@@ -156,11 +156,26 @@ class TestScore:
         )
         assert latents == again, "parameters do not enter"
 
+    def test_ages_count_alike_however_few_saw_them(self, representation):
+        source = histories(40)
+        ntm = model(source, representation)
+        observed = source.observed.clone()
+        observed[1:, 2:] = False
+        few = replace(source, observed=observed)
+        ages = []
+        for age in (1, 2, 3):
+            alone = torch.zeros_like(observed)
+            alone[:, age] = observed[:, age]
+            ages.append(score("constant", ntm, replace(source, observed=alone), representation))
+        assert score("constant", ntm, few, representation) == pytest.approx(sum(ages) / 3)
+
 
 class TestChoice:
     def choose(self, **scores: tuple[float, ...]) -> str:
         names = ("texels", "above", "below")
-        named = {rung: dict(zip(names, row, strict=False)) for rung, row in scores.items()}
+        named: dict[str, dict[str, float]] = {
+            rung: dict(zip(names, row, strict=False)) for rung, row in scores.items()
+        }
         return choose(named, sufficient=45, margin=1)
 
     def test_what_extrapolates_is_preferred_to_what_interpolates(self):

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.histories import roll_out
-from model_runtime.plan import appearance_psnr, viewed, viewed_psnr, viewing_angles
+from model_runtime.plan import viewed, viewed_psnr, viewing_angles
 from model_runtime.representation.latents import Latents, Representation
 from model_runtime.temporal.domain import perceptual
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
@@ -93,27 +93,30 @@ def widest_channel(source: SourceHistories) -> int:
 def score(
     rung: str, ntm: NeuralTemporalModel, test: SourceHistories, representation: Representation
 ) -> float:
-    """Appearance PSNR in dB of histories that `ntm` did not see, over the ages that were observed.
+    """Appearance PSNR in dB of histories that `ntm` did not see: the mean over the ages at which
+    any was observed, as reports average over frames. (Of all ages at once the worst would decide.)
 
     Parameters, and latents once fitted, are anchored as ageing anchors them and compared with the
     true ones. Where the truth is measured, no parameters hold it: BRDFs are compared, those of
     `lstm_latents` as decoded. Where no age was observed nothing is missed: 100 dB.
     """
-    seen = test.observed.clone()
-    seen[:, 0] = False
-    if not seen.any():
-        return _BEST
-    if test.mixture is None:
-        return appearance_psnr(
-            test.parameters[seen], _anchored(rung, ntm, test, representation)[seen]
-        )
-    truth = test.mixture.evaluate(viewing_angles())[seen]
-    if rung != "lstm_latents":
-        return viewed_psnr(truth, viewed(_anchored(rung, ntm, test, representation)[seen]))
-    with torch.no_grad():
-        flat = ntm.latents.rollout(test.latents[:, 0], ntm.frames)[seen]
-        decoded = representation.decode(_unflat(flat, representation), viewing_angles())
-    return viewed_psnr(truth, decoded)
+    if test.mixture is not None and rung == "lstm_latents":
+        with torch.no_grad():
+            flat = ntm.latents.rollout(test.latents[:, 0], ntm.frames).flatten(0, 1)
+            estimate = representation.decode(_unflat(flat, representation), viewing_angles())
+    else:
+        estimate = viewed(_anchored(rung, ntm, test, representation))
+    if test.mixture is not None:
+        truth = test.mixture.evaluate(viewing_angles())
+    else:
+        truth = viewed(test.parameters).unflatten(0, test.observed.shape)
+    estimate = estimate.unflatten(0, test.observed.shape)
+    ages = [
+        viewed_psnr(truth[seen, age], estimate[seen, age])
+        for age, seen in enumerate(test.observed.T)
+        if age > 0 and seen.any()
+    ]
+    return sum(ages) / len(ages) if ages else _BEST
 
 
 def _anchored(
