@@ -34,13 +34,13 @@ from .plan import Palette, appearance_psnr, build_palette
 from .representation import load_representation
 from .representation.latents import Representation
 from .result import StagedResult, check_space
+from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
 from .writing import Format, maps_of, write_frames, write_stored_frames
 
 __all__ = ("AgeRequest", "Reporter", "age")
 
 _UNIFORM_SIZE = 512
-_FOREIGN_SHARE = 0.5
 _WORTHWHILE = 1.0  # dB that finer cells must gain to be made finer still
 _CHECKED = 128  # texels on which a palette is compared with each modelled for itself
 _BYTES_PER_TEXEL = 12  # of a frame's half-float maps, compressed or not
@@ -273,7 +273,7 @@ def _rung(run: _Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
         return run.request.temporal_model
     sample = initial[:: max(1, len(initial) // 4096)]
     share = float(ntm.domain.outside(sample).float().mean())
-    if share > _FOREIGN_SHARE and ntm.chosen != "constant":
+    if share > FOREIGN_SHARE and ntm.chosen != "constant":
         run.warn(
             f"{share:.0%} of this material is unlike anything {ntm.card.title} was trained on; "
             "a plain affine change is used. Choose a temporal model yourself to override this."

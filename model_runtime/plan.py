@@ -19,6 +19,9 @@ __all__ = (
     "build_palette",
     "clamp_parameters",
     "stored_frames",
+    "viewed",
+    "viewed_psnr",
+    "viewing_angles",
 )
 
 
@@ -55,7 +58,7 @@ def build_palette(parameters: Tensor, step: float, *, most: int) -> Palette:
     return Palette((total / count[:, None]).float(), index)
 
 
-def _views() -> Tensor:
+def viewing_angles() -> Tensor:
     """Directions [M, 3] above the horizon that look on and off the highlight."""
     theta_h = torch.tensor((0.0, 0.03, 0.1, 0.25, 0.5, 0.8))
     theta_d = torch.tensor((0.2, 0.7, 1.1))
@@ -66,20 +69,30 @@ def _views() -> Tensor:
     return grid[above_horizon(grid, margin=0.1)]
 
 
-def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:
-    """PSNR in dB of two lists of states [..., 7], looked at from a fixed set of directions.
+def viewed(states: Tensor) -> Tensor:
+    """f [N, M, 3] per steradian of states [..., 7], N in all, at `viewing_angles()`; values out of
+    range count as clamped.
+    """
+    flat = clamp_parameters(states.reshape(-1, 7))
+    return evaluate(flat[:, :3], flat[:, 3:6], flat[:, 6], viewing_angles())
+
+
+def viewed_psnr(truth: Tensor, estimate: Tensor) -> float:
+    """PSNR in dB, at most 100, of two lists of BRDF values [N, M, 3] at `viewing_angles()`.
 
     Radiance pi f, so that a white diffuse surface is 1, tone-mapped as in the paper's section 4.2.
     """
-    angles = _views()
 
-    def look(states: Tensor) -> Tensor:
-        flat = clamp_parameters(states.reshape(-1, 7))
-        f = evaluate(flat[:, :3], flat[:, 3:6], flat[:, 6], angles)
+    def look(f: Tensor) -> Tensor:
         return (1 - torch.exp(-2 * torch.pi * f)).pow(1 / 2.8)
 
     error = (look(truth) - look(estimate)).square().mean()
     return float(-10 * error.clamp_min(1e-10).log10())
+
+
+def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:
+    """PSNR in dB of two lists of states [..., 7], looked at from `viewing_angles()`."""
+    return viewed_psnr(viewed(truth), viewed(estimate))
 
 
 def clamp_parameters(parameters: Tensor) -> Tensor:

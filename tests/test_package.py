@@ -41,7 +41,7 @@ CARD = {
     "process": "moss",
     "frames": 36,
     "representation": "0123456789abcdef",
-    "domain": {"radius": 0.1},
+    "domain": {"ranges": {"alpha": [0.1, 0.4]}},
     "source": "made up",
     "license": "CC0-1.0",
     "trained": {"seed": 0},
@@ -109,7 +109,7 @@ for name in {BLOCKED!r}: sys.modules[name] = None
 from pathlib import Path
 from model_runtime.package import find_model, list_models, read_card
 for card in list_models((Path(sys.argv[1]),)):
-    print(card.name, card.title, card.frames, card.domain["radius"])
+    print(card.name, card.title, card.frames, card.domain["ranges"])
 print(find_model("moss", (Path(sys.argv[1]),)).name)
 """
 

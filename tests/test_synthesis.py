@@ -68,6 +68,7 @@ def evaluate(data: Path, output: Path, weights: Path, **options) -> SynthesisRep
         effort=TINY,
         encoder=weights / "lobes.safetensors",
         weights=weights,
+        models=weights,
         **options,
     )
 
@@ -94,6 +95,7 @@ class TestReport:
                 assert numbers["min"] <= numbers["mean"] <= 100
             assert len(case["chosen"]) == 4
         assert stored["train_minutes"]["ours"] >= 0
+        assert stored["domains"] == {}, "no bundled models are in the folder"
 
     def test_the_affine_worlds_are_solved_by_what_the_product_chooses(self, report):
         for name in CELLS:

@@ -19,7 +19,7 @@ from safetensors.torch import load_file
 from model_runtime.errors import ModelFileError
 from model_runtime.maps import TorranceSparrowMaps
 from model_runtime.package import save_model
-from model_runtime.temporal.domain import Domain
+from model_runtime.temporal.domain import MOST_CENTRES, Domain
 from model_runtime.temporal.models import Affine, Constant, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 from training.data.sequences import Sequence
@@ -188,17 +188,50 @@ class TestDomain:
         mixed = torch.cat((self.steels(3), torch.tensor([other])))
         assert domain.outside(mixed).tolist() == [False, False, False, True]
 
+    def test_a_gap_between_two_kinds_stays_a_gap(self):
+        """One kind is spread wide, the other is narrow: each keeps its own distances."""
+        paints = self.steels(3000)
+        paints[:, :3] = 0.1 + 0.8 * torch.rand(3000, 3, generator=torch.Generator().manual_seed(1))
+        paints[:, 3:6] = 0.04
+        domain = Domain.of(torch.cat((self.steels(3000), paints)))
+        between = torch.lerp(self.steels(100, seed=2), paints[:100], 0.5)
+        assert bool(domain.outside(between).all())
+        redder = self.steels(100, seed=3)
+        redder[:, 4:6] *= 0.6
+        assert bool(domain.outside(redder).all())
+
+    def test_distance_is_0_at_a_centre_and_1_at_the_border(self):
+        centre = torch.full((1, 7), 0.25)
+        domain = Domain(torch.cat((centre, torch.ones(1, 7))), torch.tensor((0.2, 0.1)))
+        away = centre.repeat(4, 1)
+        away[:, 6] = torch.tensor((0.5, 0.6, 0.7, 0.8)).square()
+        expected = torch.tensor((0, 0.5, 1.0, 1.5))
+        torch.testing.assert_close(domain.distance(away), expected, rtol=1e-3, atol=1e-2)
+        assert domain.outside(away)[[0, 1, 3]].tolist() == [False, False, True]
+
+    def test_the_number_of_texels_asked_about_does_not_matter(self):
+        domain, others = Domain.of(self.steels(600)), torch.rand(1500, 7)
+        alone = torch.cat([domain.distance(row[None]) for row in others[:20]])
+        torch.testing.assert_close(domain.distance(others)[:20], alone, rtol=1e-4, atol=1e-4)
+        assert domain.outside(others[:0]).shape == (0,)
+
     def test_the_same_materials_give_the_same_domain(self):
         one, other = (Domain.of(self.steels(500), seed=3) for _ in range(2))
         assert torch.equal(one.centres, other.centres)
-        assert one.radius == other.radius
+        assert torch.equal(one.radii, other.radii)
 
-    @pytest.mark.parametrize("n", [1, 2, 7])
-    def test_few_materials(self, n: int):
+    @pytest.mark.parametrize("n", [1, 2, 7, 14, 3000])
+    def test_of_any_number_of_materials(self, n: int):
         domain = Domain.of(self.steels(n))
-        assert domain.centres.shape[1] == 7
-        assert np.isfinite(domain.radius)
+        assert domain.centres.shape == (len(domain.radii), 7)
+        assert 0 < len(domain.radii) <= MOST_CENTRES
+        assert bool((domain.radii >= 0.05).all())
+        assert not bool(domain.outside(self.steels(n)[:1]).any())
         assert bool(domain.outside(torch.full((1, 7), 0.95)).all())
+
+    def test_one_material_alone_is_inside_and_no_other(self):
+        domain = Domain.of(torch.full((500, 7), 0.3))
+        assert domain.outside(torch.tensor([[0.3] * 7, [0.4] * 7])).tolist() == [False, True]
 
 
 @pytest.fixture
@@ -210,6 +243,7 @@ def ntm_file(tmp_path: Path):
         "affine.gain": affine.gain,
         "affine.offset": affine.offset,
         "domain.centres": torch.rand(3, 7),
+        "domain.radii": torch.tensor((0.1, 0.2, 0.3)),
         **{f"parameters.{k}": v for k, v in ParameterLSTM().state_dict().items()},
         **{f"latents.{k}": v for k, v in LatentLSTM(12, 8).state_dict().items()},
     }
@@ -218,7 +252,7 @@ def ntm_file(tmp_path: Path):
         "title": "Moss",
         "frames": frames,
         "representation": ENCODER,
-        "domain": {"radius": 0.1},
+        "domain": {"ranges": {"alpha": [0.1, 0.4]}},
         "temporal_model": "affine",
     }
 
@@ -233,7 +267,7 @@ def ntm_file(tmp_path: Path):
 class TestNTM:
     def test_what_was_saved_comes_back(self, ntm_file):
         ntm = NeuralTemporalModel.load(ntm_file(), ENCODER)
-        assert (ntm.chosen, ntm.frames, ntm.domain.radius) == ("affine", 5, 0.1)
+        assert (ntm.chosen, ntm.frames) == ("affine", 5)
         assert ntm.card.title == "Moss"
         for name in LADDER:
             size = 20 if name == "lstm_latents" else 7
@@ -265,15 +299,19 @@ class TestNTM:
             {"frames": 6},
             {"temporal_model": "transformer"},
             {"temporal_model": None},
-            {"domain": {}},
-            {"domain": {"radius": "wide"}},
-            {"domain": {"radius": float("nan")}},
             {"tensors": {"affine.gain": None}},
             {"tensors": {"affine.gain": torch.zeros(5, 6)}},
             {"tensors": {"affine.offset": torch.zeros(4, 7)}},
             {"tensors": {"domain.centres": torch.zeros(3, 6)}},
             {"tensors": {"domain.centres": torch.zeros(0, 7)}},
             {"tensors": {"domain.centres": torch.zeros(7)}},
+            {"tensors": {"domain.centres": torch.zeros(2049, 7), "domain.radii": torch.ones(2049)}},
+            {"tensors": {"domain.radii": None}},
+            {"tensors": {"domain.radii": torch.ones(2)}},
+            {"tensors": {"domain.radii": torch.ones(3, 1)}},
+            {"tensors": {"domain.radii": torch.tensor((0.1, 0.0, 0.1))}},
+            {"tensors": {"domain.radii": torch.tensor((0.1, -1.0, 0.1))}},
+            {"tensors": {"domain.radii": torch.tensor((0.1, float("inf"), 0.1))}},
             {"tensors": {"parameters.mean": None}},
             {"tensors": {"parameters.step.weight": torch.zeros(7, 3)}},
             {"tensors": {"parameters.extra": torch.zeros(1)}},

@@ -231,9 +231,11 @@ class TestNTM:
         assert CARD["source"] in card.source
         assert card.frames == 6
         assert card.representation == load_representation()[1]
-        assert card.domain["radius"] > 0
+        assert all(low <= high for low, high in card.domain["ranges"].values())
         assert card.trained["seed"] == 4
-        assert set(card.details["ladder"]) == set(LADDER)
+        ladder = card.details["ladder"]
+        assert set(ladder) == set(LADDER)
+        assert all(set(scores) == {"texels", "above", "below"} for scores in ladder.values())
 
         model = NeuralTemporalModel.load(path, card.representation)
         assert model.chosen in LADDER
@@ -249,7 +251,7 @@ class TestNTM:
     def test_killed_and_resumed_it_ends_as_it_would_have(self, rusting, tmp_path, interrupted):
         whole = train(rusting, tmp_path / "whole.safetensors", seed=2)
         output = tmp_path / "parts.safetensors"
-        for at in (2, 3, 4):  # in the first LSTM, then in the second
+        for at in (2, 3, 4, 5, 4):  # in both LSTMs, then in those that hold out ranges
             interrupted(ntm, at, lambda: train(rusting, output, seed=2, resume=True))
             assert not output.exists()
         train(rusting, output, seed=2, resume=True)
@@ -270,8 +272,11 @@ class TestNTM:
         path = train(tmp_path / "s2", tmp_path / "moss.safetensors")
         card = read_card(path)
         assert card.details["temporal_model"] == "affine"
-        assert card.details["ladder"]["affine"] > 45
-        assert card.details["ladder"]["constant"] < 45
+        ladder = card.details["ladder"]
+        assert all(psnr > 45 for psnr in ladder["affine"].values())
+        assert all(psnr < 45 for psnr in ladder["constant"].values())
+        assert set(ladder["lstm_latents"]) == {"texels"}, "what is not needed is not trained"
+        assert not list(tmp_path.glob("*.above.*"))
 
     def test_what_stays_gets_the_constant(self, tmp_path):
         rng = np.random.default_rng(0)

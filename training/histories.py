@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,13 +17,28 @@ from .data.location import data_folder
 from .data.nbrdf import load
 from .data.sequences import MixtureSequence, Sequence
 
-__all__ = ("SourceHistories", "source_histories")
+__all__ = ("Mixture", "SourceHistories", "source_histories")
 
 _SAMPLES = 256
 """Directions a BRDF is encoded from, where the representation leaves the choice."""
 
 _MOST_TEXELS = 8192
 _CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """What the states of measured mixtures only approximate: `weights` [N, T] of the second of two
+    BRDFs, whose f [2, M, 3] at angles [M, 3] `pure` gives.
+    """
+
+    weights: Tensor
+    pure: Callable[[Tensor], Tensor]
+
+    def evaluate(self, angles: Tensor) -> Tensor:
+        """The true f [N, T, M, 3] at `angles` [M, 3]."""
+        first, second = self.pure(angles)
+        return torch.lerp(first, second, self.weights[..., None, None])
 
 
 @dataclass(frozen=True)
@@ -34,20 +50,24 @@ class SourceHistories:
     observed: [N, T] whether the sequence lasted long enough after the texel's onset to show the
         age, with values that can be rendered; the rest says nothing and is left out of every fit
     out_of_range: the share of the sequence's values that had to be clamped to be rendered
+    mixture: the true values of measured mixtures, which `parameters` were fitted to; else None
     """
 
     parameters: Tensor
     latents: Tensor
     observed: Tensor
     out_of_range: float = 0.0
+    mixture: Mixture | None = None
 
     def select(self, rows: Tensor) -> SourceHistories:
         """Only the texels `rows`."""
+        mixture = self.mixture
         return replace(
             self,
             parameters=self.parameters[rows],
             latents=self.latents[rows],
             observed=self.observed[rows],
+            mixture=mixture and replace(mixture, weights=mixture.weights[rows]),
         )
 
 
@@ -120,9 +140,12 @@ def _mixture_histories(
 ) -> SourceHistories:
     measured = load(data_folder(), "merl").select(list(sequence.materials))
 
+    def pure(angles: Tensor) -> Tensor:
+        return measured.evaluate(torch.arange(2), angles)
+
     def mixed(angles: Tensor):
-        pure = measured.evaluate(torch.arange(2), angles)
-        return lambda w: torch.lerp(pure[:1], pure[1:], w[..., None])
+        first, second = pure(angles)
+        return lambda w: torch.lerp(first, second, w[..., None])
 
     share = torch.from_numpy(weights).float().transpose(0, 1).contiguous()
     angles, wanted = representation.sample_angles(_SAMPLES, measured=True), fit_angles()
@@ -133,4 +156,6 @@ def _mixture_histories(
         for chunk in share.reshape(-1, 1).split(_CHUNK)
     ]
     parameters = torch.cat(fits).unflatten(0, share.shape[:2])
-    return SourceHistories(parameters, latents, torch.ones(share.shape[:2], dtype=torch.bool))
+    observed = torch.ones(share.shape[:2], dtype=torch.bool)
+    mixture = Mixture(share[..., 0], pure)
+    return SourceHistories(parameters, latents, observed, mixture=mixture)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -13,9 +13,7 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from model_runtime.histories import roll_out
 from model_runtime.package import ModelCard, hash_tensors, read_card, save_model
-from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Representation, inverse_log_transform
 from model_runtime.representation.paper import PaperRepresentation
@@ -26,19 +24,21 @@ from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
 from .histories import SourceHistories, source_histories
+from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
 
 __all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
 
 Model = ParameterLSTM | LatentLSTM
 Kind = Literal["parameters", "latents"]
 
-_HELD_OUT = 0.1
-_VALIDATION_TEXELS = 256
+_CHANNELS = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
 
 
 @dataclass(frozen=True)
 class NTMConfig:
-    """Both LSTMs are trained alike; `sufficient` and `margin` (dB) decide which rung is used."""
+    """Both LSTMs are trained alike, and those that only cross-validate ranges for `fold_share` of
+    the iterations; `sufficient` and `margin` (dB) decide which rung is used.
+    """
 
     iterations: int = 2500
     batch: int = 256
@@ -46,12 +46,14 @@ class NTMConfig:
     warm_up: int = 100
     sufficient: float = 45.0
     margin: float = 1.0
+    fold_share: float = 0.25
 
 
 @dataclass(frozen=True)
 class Run:
-    """Where a training leaves its checkpoints (`base` with the LSTM's name added) and, unless
-    None, its TensorBoard logs; how long it may take; from which seed.
+    """Where a training leaves its checkpoints (`base` with the LSTM's name added, after that of the
+    `fold` where it only cross-validates one) and, unless None, its TensorBoard logs; how many
+    minutes of a core it may take; from which seed.
     """
 
     base: Path
@@ -59,6 +61,7 @@ class Run:
     resume: bool = False
     minutes: float | None = None
     seed: int = 0
+    fold: str = ""
 
 
 def train_ntm(
@@ -94,10 +97,9 @@ def train_ntm(
         },
     }
     save_model(output, ntm.tensors(), details, kind="ntm")
-    print(
-        f"{output}: {ntm.chosen}; held-out texels "
-        + ", ".join(f"{k} {v:.1f} dB" for k, v in found["ladder"].items())
-    )
+    print(f"{output}: {ntm.chosen}; dB of what was held out:")
+    for rung, scores in found["ladder"].items():
+        print(f"  {rung}: " + ", ".join(f"{name} {psnr:.1f}" for name, psnr in scores.items()))
     return output
 
 
@@ -107,38 +109,82 @@ def train_ladder(
     """Every rung of the ladder, trained on `source`, under a card that holds what training found:
     domain, temporal_model, ladder, trained.
 
-    A tenth of the texels is held out; on them each rung is scored (mean appearance PSNR over the
-    ages), and the cheapest one that reaches `config.sufficient` or is within `config.margin` of the
-    best is what `auto` will use.
+    A tenth of the texels is held out from all rungs. Ranges are held out in trainings of their own,
+    whose models are thrown away; the LSTMs' are short, and left out where a cheaper rung suffices.
+    `ladder` holds the scores in dB by rung and by what was held out: texels, above, below.
     """
-    g = torch.Generator().manual_seed(run.seed)
-    order = torch.randperm(len(source.parameters), generator=g)
-    held = max(1, int(len(order) * _HELD_OUT))
-    train, test = source.select(order[held:]), source.select(order[:held][:_VALIDATION_TEXELS])
-
-    each = replace(run, minutes=None if run.minutes is None else run.minutes / 2)
-    parameters, first = train_lstm("parameters", train, representation, config, each)
-    latents, second = train_lstm("latents", train, representation, config, each)
-    assert isinstance(parameters, ParameterLSTM)
-    assert isinstance(latents, LatentLSTM)
-    affine = Affine.fit(train.parameters, train.observed)
-    domain = Domain.of(train.parameters[:, 0], seed=run.seed)
+    split = held_out_texels(source, run.seed)
+    channel = widest_channel(source)
+    ranges = held_out_ranges(source, channel)
+    share = config.fold_share
+    minutes = None if run.minutes is None else run.minutes / (2 + 2 * len(ranges) * share)
+    models, records = _train_both(
+        split.train, representation, (config, config), replace(run, minutes=minutes)
+    )
+    affine = Affine.fit(split.train.parameters, split.train.observed)
+    domain = Domain.of(split.train.parameters[:, 0], seed=run.seed)
     card = ModelCard(run.base, "ntm", 1, "", "", frames=source.parameters.shape[1])
-    ntm = NeuralTemporalModel(card, affine, parameters, latents, domain)
-    scores = {rung: _score(rung, ntm, test, representation) for rung in LADDER}
+    ntm = NeuralTemporalModel(card, affine, *models, domain)
+    scores = {rung: {"texels": score(rung, ntm, split.test, representation)} for rung in LADDER}
+
+    folds = {
+        name: replace(ntm, affine=Affine.fit(part.train.parameters, part.train.observed))
+        for name, part in ranges.items()
+    }
+    cheap, dear = LADDER[:2], LADDER[2:]
+    for name, part in ranges.items():
+        for rung in cheap:
+            scores[rung][name] = score(rung, folds[name], part.test, representation)
+    seconds = sum(record["seconds"] for record in records)
+    if not any(suffices(scores[rung], config.sufficient) for rung in cheap):
+        short = [
+            replace(
+                config,
+                iterations=max(1, round(record["iterations"] * share)),
+                warm_up=max(1, round(config.warm_up * share)),
+            )
+            for record in records
+        ]
+        for name, part in ranges.items():
+            fold = replace(run, minutes=None, fold=name)
+            models, spent = _train_both(part.train, representation, short, fold)
+            trained = replace(folds[name], parameters=models[0], latents=models[1])
+            for rung in dear:
+                scores[rung][name] = score(rung, trained, part.test, representation)
+            seconds += sum(record["seconds"] for record in spent)
     details = {
-        "domain": {"radius": domain.radius, "ranges": _ranges(train.parameters[:, 0])},
-        "temporal_model": _choose(scores, config),
-        "ladder": {rung: round(score, 1) for rung, score in scores.items()},
+        "domain": {"ranges": _ranges(split.train.parameters[:, 0])},
+        "temporal_model": choose(scores, sufficient=config.sufficient, margin=config.margin),
+        "ladder": {
+            rung: {name: round(psnr, 1) for name, psnr in found.items()}
+            for rung, found in scores.items()
+        },
         "trained": {
-            "iterations": {"parameters": first["iterations"], "latents": second["iterations"]},
-            "minutes": round((first["seconds"] + second["seconds"]) / 60, 1),
+            "iterations": dict(
+                zip(("parameters", "latents"), (r["iterations"] for r in records), strict=True)
+            ),
+            "minutes": round(seconds / 60, 1),
             "seed": run.seed,
             "texels": len(source.parameters),
+            "ranges_of": _CHANNELS[channel],
             "out_of_range": round(source.out_of_range, 4),
         },
     }
     return replace(ntm, card=replace(card, details=details))
+
+
+def _train_both(
+    source: SourceHistories,
+    representation: Representation,
+    configs: Sequence[NTMConfig],
+    run: Run,
+) -> tuple[tuple[ParameterLSTM, LatentLSTM], tuple[dict[str, Any], dict[str, Any]]]:
+    """The LSTMs on parameters and on latents, trained by one of `configs` each; their records."""
+    parameters, first = train_lstm("parameters", source, representation, configs[0], run)
+    latents, second = train_lstm("latents", source, representation, configs[1], run)
+    assert isinstance(parameters, ParameterLSTM)
+    assert isinstance(latents, LatentLSTM)
+    return (parameters, latents), (first, second)
 
 
 def train_lstm(
@@ -162,28 +208,15 @@ def train_lstm(
         loss_of = _paper_loss if faithful else _latent_loss
         if not faithful:
             model.standardise(states)
-    record = _train(
-        model,
-        states,
-        source.observed,
-        loss_of,
-        config,
-        checkpoint=run.base.with_suffix(f".{kind}.checkpoint.safetensors"),
-        log=None if run.log is None else run.log / kind,
-        resume=run.resume,
-        minutes=run.minutes,
-        seed=run.seed,
-    )
-    return model, record
+    return model, _train(model, states, source.observed, loss_of, kind, config, run)
 
 
 def _ranges(initial: Tensor) -> dict[str, list[float]]:
     """The 1 % and 99 % quantiles of every parameter at age 0."""
-    names = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
     low, high = initial.quantile(0.01, 0), initial.quantile(0.99, 0)
     return {
         n: [round(float(a), 4), round(float(b), 4)]
-        for n, a, b in zip(names, low, high, strict=True)
+        for n, a, b in zip(_CHANNELS, low, high, strict=True)
     }
 
 
@@ -214,18 +247,16 @@ def _train(
     states: Tensor,
     observed: Tensor,
     loss_of: Callable[[Tensor, Tensor, Any], Tensor],
+    kind: Kind,
     config: NTMConfig,
-    *,
-    checkpoint: Path,
-    log: Path | None,
-    resume: bool,
-    minutes: float | None,
-    seed: int,
+    run: Run,
 ) -> dict[str, Any]:
     """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the run's record:
-    steps, iterations and seconds.
+    steps, iterations and seconds of a core.
     """
-    g = torch.Generator().manual_seed(seed)
+    name = f"{run.fold}.{kind}" if run.fold else kind
+    checkpoint = run.base.with_suffix(f".{name}.checkpoint.safetensors")
+    g = torch.Generator().manual_seed(run.seed)
     optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate, betas=(0.9, 0.99))
     frames = states.shape[1]
 
@@ -239,24 +270,28 @@ def _train(
         nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         return value
 
-    run = {"seed": seed, "config": asdict(config), "states": hash_tensors({"": states})}
-    record: dict[str, Any] = {"step": 0, "seconds": 0.0, "run": run}
+    settings = asdict(config)
+    del settings["fold_share"]  # says nothing of this LSTM
+    made = {"seed": run.seed, "config": settings, "states": hash_tensors({"": states})}
+    record: dict[str, Any] = {"step": 0, "seconds": 0.0, "run": made}
     record["iterations"] = config.iterations
-    if resume and checkpoint.exists():
-        record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, run=run)
-    elif minutes is not None:
+    if run.resume and checkpoint.exists():
+        record = load_checkpoint(
+            checkpoint, model=model, optimizer=optimizer, generator=g, run=made
+        )
+    elif run.minutes is not None:
         one_step()
-        start = time.monotonic()
+        start = time.process_time()
         for _ in range(5):
             one_step()
-        record["iterations"] = max(1, int(minutes * 60 * 5 / (time.monotonic() - start)))
-        g.manual_seed(seed)
+        record["iterations"] = max(1, int(run.minutes * 60 * 5 / (time.process_time() - start)))
+        g.manual_seed(run.seed)
     writer, saved = None, time.monotonic()
-    if log is not None:  # TensorBoard takes seconds to import
+    if run.log is not None:  # TensorBoard takes seconds to import
         from torch.utils.tensorboard import SummaryWriter
 
-        writer = SummaryWriter(log)
-    begun = saved - record["seconds"]
+        writer = SummaryWriter(run.log / name)
+    begun = time.process_time() - record["seconds"]
     total = record["iterations"]
     bar = tqdm(range(record["step"], total), initial=record["step"], total=total)
     for step in bar:
@@ -267,34 +302,13 @@ def _train(
         value = one_step()
         optimizer.step()
         if step % 50 == 0:
-            bar.set_postfix_str(
-                f"{checkpoint.stem.split('.')[1]} loss {value.item():.5f}", refresh=False
-            )
+            bar.set_postfix_str(f"{name} loss {value.item():.5f}", refresh=False)
             if writer is not None:
                 writer.add_scalar("loss", value.item(), step)
         if time.monotonic() - saved > 60 or step == total - 1:
             saved = time.monotonic()
-            record |= {"step": step + 1, "seconds": saved - begun}
+            record |= {"step": step + 1, "seconds": time.process_time() - begun}
             save_checkpoint(
                 checkpoint, model=model, optimizer=optimizer, generator=g, record=record
             )
     return record
-
-
-def _score(
-    rung: str, ntm: NeuralTemporalModel, test: SourceHistories, representation: Representation
-) -> float:
-    """Appearance PSNR in dB of held-out histories, anchored as ageing anchors them."""
-    with torch.no_grad():
-        rolled = roll_out(test.parameters[:, 0], ntm, rung, representation)
-    initial = test.parameters[:, :1]
-    anchored = rolled.states + ntm.affine.gain * (initial - rolled.states[:, :1])
-    seen = test.observed.clone()
-    seen[:, 0] = False
-    return appearance_psnr(test.parameters[seen], anchored[seen])
-
-
-def _choose(scores: Mapping[str, float], config: NTMConfig) -> str:
-    """The first rung of the ladder that suffices."""
-    enough = min(config.sufficient, max(scores.values()) - config.margin)
-    return next(rung for rung in LADDER if scores[rung] >= enough)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from torch import Tensor
 
 from ..errors import ModelFileError
 from ..package import ModelCard, load_model
-from .domain import Domain
+from .domain import MOST_CENTRES, Domain
 from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
 
 __all__ = ("LADDER", "NeuralTemporalModel")
@@ -52,6 +51,7 @@ class NeuralTemporalModel:
             "affine.gain": self.affine.gain,
             "affine.offset": self.affine.offset,
             "domain.centres": self.domain.centres,
+            "domain.radii": self.domain.radii,
             **{f"parameters.{name}": value for name, value in self.parameters.state_dict().items()},
             **{f"latents.{name}": value for name, value in self.latents.state_dict().items()},
         }
@@ -71,7 +71,7 @@ class NeuralTemporalModel:
             )
         try:
             affine = Affine(tensors["affine.gain"], tensors["affine.offset"])
-            domain = Domain(tensors["domain.centres"], float(card.domain["radius"]))
+            domain = Domain(tensors["domain.centres"], tensors["domain.radii"])
             parameters = ParameterLSTM()
             parameters.load_state_dict(_part(tensors, "parameters."))
             stored = _part(tensors, "latents.")
@@ -80,9 +80,10 @@ class NeuralTemporalModel:
             if not (
                 card.frames > 1
                 and affine.gain.shape == affine.offset.shape == (card.frames, 7)
+                and 0 < len(domain.centres) <= MOST_CENTRES
                 and domain.centres.shape[1:] == (7,)
-                and len(domain.centres) > 0
-                and math.isfinite(domain.radius)
+                and domain.radii.shape == (len(domain.centres),)
+                and bool((domain.radii > 0).all())
                 and card.details["temporal_model"] in LADDER
             ):
                 raise ValueError("shapes do not agree")

@@ -14,9 +14,10 @@ import numpy as np
 from tqdm import tqdm
 
 from model_runtime.errors import UsageError
-from model_runtime.package import ENCODER
+from model_runtime.package import ENCODER, MODELS, list_models
 
 from ..data.sequences import Sequence
+from .domains import domain_roc
 from .gallery import draw_figure_10, draw_gallery
 from .methods import WEIGHTS
 from .synthesis_cases import CASES, Case, make_cases
@@ -43,6 +44,7 @@ def evaluate_synthesis(
     effort: Effort | None = None,
     encoder: Path = ENCODER,
     weights: Path = WEIGHTS,
+    models: Path = MODELS,
 ) -> SynthesisReport:
     """Score `methods` on `cases` (default: all of `METHODS` and `CASES`); write `synthesis.json`,
     `.md` and pictures to `output`; of all cases also what the bundled NTMs do to real materials.
@@ -50,7 +52,8 @@ def evaluate_synthesis(
     PSNR in dB on the metric of DESIGN.md: textures `pixels` wide, a texel a pixel. Methods that
     decode latents are scored on every `stride`-th row and column of the sphere and every fifth
     frame. What is learned and scored stays in `output`/kept, cell by cell, so that the next call,
-    or one after an interruption, is quick. `encoder` is ours, `weights` the folder of the rivals'.
+    or one after an interruption, is quick. `encoder` is ours, `weights` the folder of the rivals',
+    `models` that of the NTMs whose domains are judged.
     Raises `UsageError` for methods and cases that do not exist, `ModelFileError` for weights that
     are missing.
     """
@@ -61,7 +64,8 @@ def evaluate_synthesis(
     start = time.perf_counter()
     kept = output / "kept"
     school = School(kept, effort or Effort())
-    models = load_models(names, school, encoder=encoder, weights=weights)
+    taught = load_models(names, school, encoder=encoder, weights=weights)
+    domains = domain_roc(list_models((models,)), data)
     sphere = TexturedSphere.load(data / "hdri", pixels=pixels, stride=stride, kept=kept)
 
     scored: dict[str, dict[str, dict[str, Scored]]] = defaultdict(dict)
@@ -74,7 +78,7 @@ def evaluate_synthesis(
         scorer = Scorer(
             case,
             lambda case=case: Stage.of(case, sphere),
-            models,
+            taught,
             kept,
             f"{pixels} {stride}",
             learned["methods"],
@@ -91,7 +95,7 @@ def evaluate_synthesis(
         name: round(float(np.mean(list(each.values()))), 3) for name, each in school.minutes.items()
     }
     settings = {"pixels": pixels, "stride": stride, "effort": asdict(school.effort)}
-    report = SynthesisReport(results, minutes, settings, time.perf_counter() - start)
+    report = SynthesisReport(results, minutes, settings, time.perf_counter() - start, domains)
     output.mkdir(parents=True, exist_ok=True)
     write_report(report, strips, output)
     if cases is None:

@@ -18,6 +18,7 @@ from model_runtime.package import ENCODER
 from model_runtime.plan import Palette, clamp_parameters
 from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.latents import Latents
+from model_runtime.temporal.domain import FOREIGN_SHARE
 from model_runtime.temporal.models import LatentLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 
@@ -34,7 +35,6 @@ RIVALS = ("paper", "brdfnps")
 METHODS = ("ours", *RIVALS, "stt", "staf", *LADDER)
 
 _SAMPLES = 256
-_FOREIGN_SHARE = 0.5
 _TOGETHER = 64
 
 
@@ -149,7 +149,7 @@ class Rung:
         if self.name is not None:
             return self.name
         foreign = float(self.ntm.domain.outside(stage.start).float().mean())
-        if foreign > _FOREIGN_SHARE and self.ntm.chosen != "constant":
+        if foreign > FOREIGN_SHARE and self.ntm.chosen != "constant":
             return "affine"
         return self.ntm.chosen
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .domains import chart_domains
 from .synthesis_cases import ALPHAS, BETAS, GRID, MIXTURES, PBR
 from .synthesis_charts import TITLES, Strip, chart_curves, chart_statistics, draw_strip
 from .synthesis_results import Curve, SynthesisReport
@@ -142,6 +143,20 @@ def _statistics_table(report: SynthesisReport) -> str:
     return "\n".join(lines)
 
 
+def _domains_table(report: SynthesisReport) -> str:
+    lines = ["| model | AUROC | fitting materials accepted | foreign ones refused | wrong |"]
+    lines.append("|---" * 5 + "|")
+    for name, result in report.domains.items():
+        found = result.json()
+        fitting = len(result.fitting)
+        foreign = len(result.outside) - fitting
+        accepted = sum(material in result.fitting for material in found["accepted"])
+        refused = sum(material not in result.fitting for material in found["refused"])
+        counts = f"{accepted} of {fitting} | {refused} of {foreign}"
+        lines.append(f"| {name} | {found['auroc']:.3f} | {counts} | {', '.join(found['wrong'])} |")
+    return "\n".join(lines)
+
+
 def _explanation(report: SynthesisReport) -> str:
     pixels, stride = report.settings["pixels"], report.settings["stride"]
     minutes = ", ".join(f"{name} {value:.2g}" for name, value in report.train_minutes.items())
@@ -187,6 +202,8 @@ def tables(report: SynthesisReport) -> str:
             " product with its seeded pattern, mean of three seeds; `none`: without any; `fade`:"
             " the mean over texels, affine in the first frame; `constant`: a still image.",
         ]
+    if report.domains:
+        parts += ["## Domains of the bundled models", _domains_table(report)]
     return "\n\n".join(parts)
 
 
@@ -199,6 +216,8 @@ def write_report(report: SynthesisReport, strips: Sequence[Strip], folder: Path)
     ):
         if draw(report, folder / file):
             parts += [f"## {title}", f"![{title}]({file})"]
+    if chart_domains(report.domains, folder / "domains.png"):
+        parts += ["## What the models know", "![ROC curves of the domains](domains.png)"]
     for strip in strips:
         file = f"strip_{strip.case.key}.png"
         draw_strip(strip, folder / file)

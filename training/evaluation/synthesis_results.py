@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .domains import DomainResult
+
 __all__ = ("CaseResult", "Curve", "SynthesisReport", "averaged")
 
 
@@ -93,18 +95,22 @@ class CaseResult:
 
 @dataclass(frozen=True)
 class SynthesisReport:
-    """Every case by name; minutes that one training of each method took."""
+    """Every case by name; minutes that one training of each method took; how the domain of each
+    bundled NTM judges materials.
+    """
 
     cases: Mapping[str, CaseResult]
     train_minutes: Mapping[str, float]
     settings: Mapping[str, Any]
     seconds: float
+    domains: Mapping[str, DomainResult] = field(default_factory=dict)
 
     def json(self) -> dict[str, Any]:
         """The content of `synthesis.json`."""
         return {
             "cases": {name: case.json() for name, case in self.cases.items()},
             "train_minutes": dict(self.train_minutes),
+            "domains": {name: result.json() for name, result in self.domains.items()},
             "settings": dict(self.settings),
             "seconds": round(self.seconds, 1),
         }
