@@ -125,7 +125,7 @@ def test_cards_need_the_standard_library_alone(tmp_path: Path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split("\n")[:2] == ["moss Moss 36 0.1", "moss.safetensors"]
+    assert done.stdout.split("\n")[:2] == ["moss Moss 36 {'alpha': [0.1, 0.4]}", "moss.safetensors"]
 
 
 def refused(path: Path) -> ModelFileError:

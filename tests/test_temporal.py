@@ -202,7 +202,7 @@ class TestDomain:
 
     def test_distance_is_0_at_a_centre_and_1_at_the_border(self):
         centre = torch.full((1, 7), 0.25)
-        domain = Domain(torch.cat((centre, torch.ones(1, 7))), torch.tensor((0.2, 0.1)))
+        domain = Domain(torch.cat((centre.sqrt(), torch.ones(1, 7))), torch.tensor((0.2, 0.1)))
         away = centre.repeat(4, 1)
         away[:, 6] = torch.tensor((0.5, 0.6, 0.7, 0.8)).square()
         expected = torch.tensor((0, 0.5, 1.0, 1.5))
