@@ -131,7 +131,9 @@ def _rusty(rng: Rng) -> Array:
 
 
 def _copper(rng: Rng) -> Array:
-    return _metal(rng, (1.0, 0.62, 0.45), 0.35, 0.97)
+    """From as it is measured to the deep red that pictures of it have."""
+    tint = np.array((1.0, 0.62, 0.45)) ** rng.uniform(1, 2.5)
+    return _metal(rng, tint, 0.35, 0.97)
 
 
 def _brass(rng: Rng) -> Array:
