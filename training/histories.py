@@ -11,6 +11,7 @@ from torch import Tensor
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.representation.latents import Representation
+from model_runtime.timing import Timing
 
 from .data.location import data_folder
 from .data.nbrdf import load
@@ -34,12 +35,14 @@ class SourceHistories:
     observed: [N, T] whether the sequence lasted long enough after the texel's onset to show the
         age, with values that can be rendered; the rest says nothing and is left out of every fit
     out_of_range: the share of the sequence's values that had to be clamped to be rendered
+    timing: when the sequence's texels start, as far as it is known
     """
 
     parameters: Tensor
     latents: Tensor
     observed: Tensor
     out_of_range: float = 0.0
+    timing: Timing | None = None
 
     def select(self, rows: Tensor) -> SourceHistories:
         """Only the texels `rows`."""
@@ -75,7 +78,7 @@ def source_histories(
         return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
 
     latents = _encode(parameters, values, representation, angles)
-    return SourceHistories(parameters, latents, observed, float(broken.mean()))
+    return SourceHistories(parameters, latents, observed, float(broken.mean()), sequence.timing)
 
 
 def align(states: Tensor, times: np.ndarray, onset: np.ndarray) -> tuple[Tensor, Tensor]:

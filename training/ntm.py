@@ -26,6 +26,7 @@ from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
 from .histories import SourceHistories, source_histories
+from .timing import timed
 
 __all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
 
@@ -76,7 +77,8 @@ def train_ntm(
     path. `card` holds name, title, description, process, source, license.
     """
     representation, identity = load_representation(encoder)
-    source = source_histories(read_sequence(sequence, clamp=False), representation, seed=seed)
+    shown = timed(read_sequence(sequence, clamp=False), seed=seed)
+    source = source_histories(shown, representation, seed=seed)
     run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
     ntm = train_ladder(source, representation, config, run)
     found = ntm.card.details
@@ -105,7 +107,7 @@ def train_ladder(
     source: SourceHistories, representation: Representation, config: NTMConfig, run: Run
 ) -> NeuralTemporalModel:
     """Every rung of the ladder, trained on `source`, under a card that holds what training found:
-    domain, temporal_model, ladder, trained.
+    domain, timing, temporal_model, ladder, trained.
 
     A tenth of the texels is held out; on them each rung is scored (mean appearance PSNR over the
     ages), and the cheapest one that reaches `config.sufficient` or is within `config.margin` of the
@@ -128,6 +130,7 @@ def train_ladder(
     scores = {rung: _score(rung, ntm, test, representation) for rung in LADDER}
     details = {
         "domain": {"radius": domain.radius, "ranges": _ranges(train.parameters[:, 0])},
+        "timing": None if source.timing is None else source.timing.json(),
         "temporal_model": _choose(scores, config),
         "ladder": {rung: round(score, 1) for rung, score in scores.items()},
         "trained": {
