@@ -15,8 +15,8 @@ octaves of noise roughen its borders down to a few texels. Arrival times are the
 ranks, and the ranks by a pace, so that the same share of texels has started at a given time
 whatever the seed and the size. How it spreads is the process's own; its pace, its mottling and its
 scale are those of the source that a model learned from (`Timing`), where these are known. Where
-they are not, the pace is `PACE` for what spreads, and a gentler one for what the sun or the air does
-to a whole surface at once.
+they are not, the pace is `PACE` for what spreads, and a gentler one for what the sun or the air
+does to a whole surface at once.
 
 Everything is laid out in fractions of the tile's longer side and drawn per octave, so a small map
 is the large one seen from further away.

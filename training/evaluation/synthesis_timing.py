@@ -22,9 +22,10 @@ from .synthesis_statistics import map_distances
 __all__ = ("STATISTICS", "spot_statistics", "states_with_true_onset")
 
 STATISTICS = ("seeded", "estimated", "none", "fade", "constant")
-"""What is compared with the truth by statistics: the product with its seeded pattern; the same where
-the source's onset was hidden and had to be estimated (only if it has one); the product without any;
-the fade that a mean over texels makes, each channel affine in what it was; a still image."""
+"""What is compared with the truth by statistics: the product with its seeded pattern; the same
+where the source's onset was hidden and had to be estimated (only if it has one); the product
+without any; the fade that a mean over texels makes, each channel affine in what it was; a still
+image."""
 
 _SEEDS = (0, 1, 2)
 _EVERY = 5
