@@ -65,7 +65,7 @@ class _Growth:
     raggedness: float  # amplitude of the border noise's first octave, in time
     gain: float  # amplitude ratio from one octave to the next finer one
     mottling: float  # log-amplitude by which histories run slower in places
-    scale: float  # the distance at which its onsets are half alike, a mean over seeds
+    scale: float  # distance at which its onsets are half alike, where a tile holds many of them
     pace: tuple[tuple[float, float], ...] = PACE
 
     def zoomed(self, scale: float | None) -> _Growth:
@@ -88,48 +88,48 @@ _PROCESSES = {
     "rust": _Growth(
         nuclei=700, clusters=(3, 3), cluster_delay=0.08, birth_spread=0.06,
         across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.022, gain=0.82,
-        mottling=0.5, scale=0.055,
+        mottling=0.5, scale=0.067,
     ),
     "patina": _Growth(
         nuclei=60, clusters=(3, 4), cluster_delay=0.6, birth_spread=0.2,
         across=0.35, down=1.3, up=0.2, unevenness=0.8, grain=(4, 16), raggedness=0.14, gain=0.72,
-        mottling=0.35, scale=0.091,
+        mottling=0.35, scale=0.141,
     ),
     "char": _Growth(
         nuclei=5, clusters=(2, 2), cluster_delay=0.1, birth_spread=0.15,
         across=1.0, down=0.8, up=1.25, unevenness=1.0, grain=(9, 9), raggedness=0.06, gain=0.65,
-        mottling=0.3, scale=0.132,
+        mottling=0.3, scale=0.169,
     ),
     "drying": _Growth(
         nuclei=30, clusters=(3, 3), cluster_delay=0.7, birth_spread=0.15,
         across=1.0, down=0.8, up=1.1, unevenness=0.9, grain=(7, 7), raggedness=0.09, gain=0.6,
-        mottling=0.15, scale=0.154, pace=_EVAPORATING,
+        mottling=0.15, scale=0.305, pace=_EVAPORATING,
     ),
     "fading": _Growth(
         nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
         across=1.0, down=1.0, up=1.0, unevenness=0.2, grain=(2, 2), raggedness=0.03, gain=0.6,
-        mottling=0.1, scale=0.19, pace=_EVERYWHERE,
+        mottling=0.1, scale=0.305, pace=_EVERYWHERE,
     ),
     "soiling": _Growth(
         nuclei=260, clusters=(2, 10), cluster_delay=0.5, birth_spread=0.3,
         across=0.3, down=2.2, up=0.15, unevenness=0.7, grain=(3, 22), raggedness=0.12, gain=0.75,
-        mottling=0.5, scale=0.073, pace=_SETTLING,
+        mottling=0.5, scale=0.104, pace=_SETTLING,
     ),
     "yellowing": _Growth(
         nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
         across=1.0, down=1.0, up=1.0, unevenness=0.3, grain=(3, 3), raggedness=0.04, gain=0.45,
-        mottling=0.15, scale=0.171, pace=_EVERYWHERE,
+        mottling=0.15, scale=0.304, pace=_EVERYWHERE,
     ),
     "moss": _Growth(
         nuclei=45, clusters=(3, 3), cluster_delay=0.35, birth_spread=0.2,
         across=1.0, down=1.0, up=1.0, unevenness=0.6, grain=(10, 10), raggedness=0.05, gain=0.8,
-        mottling=0.35, scale=0.13,
+        mottling=0.35, scale=0.185,
     ),
 }  # fmt: skip
 _SPOTS = _Growth(
     nuclei=120, clusters=(3, 3), cluster_delay=0.15, birth_spread=0.1,
     across=1.0, down=1.0, up=1.0, unevenness=0.5, grain=(8, 8), raggedness=0.03, gain=0.55,
-    mottling=0.3, scale=0.1,
+    mottling=0.3, scale=0.13,
 )  # fmt: skip
 
 
@@ -181,7 +181,7 @@ def rate_map(
         source.rng("rate"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
     )
     if timing is not None:
-        return _paced(noise, _quantiles(timing.rate), alike=1.0)
+        return _paced(-noise, _quantiles(timing.rate), alike=1.0)
     return np.exp(-growth.mottling * np.clip(0.6 + noise, 0, 2), dtype=np.float32)
 
 

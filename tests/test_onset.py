@@ -133,7 +133,7 @@ class TestTiming:
             assert made.shape == shape and made.dtype == np.float32
             shares = np.linspace(0.01, 0.99, 50)
             expected, found = np.quantile(source, shares), np.quantile(made, shares)
-            np.testing.assert_allclose(found, expected, atol=0.01)
+            np.testing.assert_allclose(found, expected, atol=0.03)  # between 33 quantiles
 
     @pytest.mark.parametrize("process", PROCESSES)
     def test_that_of_a_pattern_of_ours_makes_the_pattern_again(self, process):
@@ -142,7 +142,7 @@ class TestTiming:
         again = onset_map(process, (128, 128), seed=4, timing=timing)
         np.testing.assert_allclose(again, onset, atol=0.01)
         mottled = rate_map(process, (128, 128), seed=4, timing=timing)
-        np.testing.assert_allclose(mottled, rate, atol=0.02)
+        np.testing.assert_allclose(mottled, rate, atol=0.04)
 
     @pytest.mark.parametrize("process", PROCESSES)
     def test_the_scale_is_the_source_s(self, process):
@@ -153,8 +153,8 @@ class TestTiming:
             maps = (onset_map(process, (160, 160), seed=s, timing=timing) for s in range(6))
             return float(np.mean([correlation_length(onset) or 0.0 for onset in maps]))
 
-        assert length(0.1) == pytest.approx(0.1, rel=0.35)
-        assert length(0.05) == pytest.approx(0.05, rel=0.45)
+        assert length(0.1) == pytest.approx(0.1, rel=0.3)
+        assert length(0.05) == pytest.approx(0.05, rel=0.3)
 
     @pytest.mark.parametrize("scale", [1e-4, 0.03, 1.0])
     def test_any_scale_tiles(self, scale):
