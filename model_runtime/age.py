@@ -151,7 +151,7 @@ def _age(run: _Run) -> dict[str, Any]:
         material = read_input(request.input, size=request.size)
         initial, size, fit_error = _initial(material, request)
     with run.timed("onset"):
-        onset, rate = _timing(request, ntm.card.process, size)
+        onset, rate = _timing(request, ntm, size)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], 7)
@@ -168,6 +168,8 @@ def _age(run: _Run) -> dict[str, Any]:
         None if onset is None else torch.from_numpy(onset.reshape(-1)),
         None if rate is None else torch.from_numpy(rate.reshape(-1)),
     )
+    if onset is None and ntm.timing is not None:
+        aged = aged.averaged(torch.from_numpy(ntm.timing.mean_of_ages(ntm.frames)))
     times = np.linspace(0, 1, request.frames).tolist()
     wanted = request.format or (
         "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
@@ -235,20 +237,24 @@ def _initial(material: Material, request: AgeRequest) -> tuple[Tensor, tuple[int
 
 
 def _timing(
-    request: AgeRequest, process: str, size: tuple[int, int]
+    request: AgeRequest, ntm: NeuralTemporalModel, size: tuple[int, int]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """When each texel's history starts, 0 to 1, and how fast it runs: [H, W] each.
 
-    None stands for 0 and 1 everywhere. A pattern brings both; an image says only when.
+    An image says only when: its rate is None, which stands for 1. Without any (both None) all
+    texels change alike, as those of the source did on average; so they do in a pattern after a
+    source that changed everywhere at once.
     """
-    if request.onset == "none":
+    timing, process, seed = ntm.timing, ntm.card.process, request.seed
+    at_once = timing is not None and timing.at_once
+    if request.onset == "none" or (request.onset == "auto" and at_once):
         return None, None
     if request.onset == "auto":
         side = request.size or _UNIFORM_SIZE
         shape = (side, side) if size == (1, 1) else size
         return (
-            onset_map(process, shape, seed=request.seed),
-            rate_map(process, shape, seed=request.seed),
+            onset_map(process, shape, seed=seed, timing=timing),
+            rate_map(process, shape, seed=seed, timing=timing),
         )
     onset = read_image(Path(request.onset), color=False)
     if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):

@@ -54,6 +54,17 @@ class AgedTexels:
             states[chunk] = self._aged(chunk, time)
         return states
 
+    def averaged(self, ages: Tensor) -> AgedTexels:
+        """Texels that show the mean over a source's timing instead of a time of their own.
+
+        `ages` [T, T] weighs the ages at each time (`Timing.mean_of_ages`). Only for texels without
+        onset and rate.
+        """
+        assert self.onset is None and self.rate is None
+        states = torch.einsum("ta,pac->ptc", ages, self.histories.states)
+        histories = replace(self.histories, states=states)
+        return replace(self, histories=histories, gain=ages @ self.gain)
+
     def select(self, rows: Tensor) -> AgedTexels:
         """Only the texels `rows`."""
         return replace(

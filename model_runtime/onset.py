@@ -13,7 +13,9 @@ Avrami 1939) and spread through a medium of uneven speed; the arrival time T sol
 equation |grad T| = slowness on a coarse grid (Godunov's upwind scheme, Rouy and Tourin 1992), and
 octaves of noise roughen its borders down to a few texels. Arrival times are then replaced by their
 ranks, and the ranks by a pace, so that the same share of texels has started at a given time
-whatever the seed and the size: `PACE` for what spreads, a gentler one for what the sun or the air
+whatever the seed and the size. How it spreads is the process's own; its pace, its mottling and its
+scale are those of the source that a model learned from (`Timing`), where these are known. Where
+they are not, the pace is `PACE` for what spreads, and a gentler one for what the sun or the air
 does to a whole surface at once.
 
 Everything is laid out in fractions of the tile's longer side and drawn per octave, so a small map
@@ -23,10 +25,12 @@ is the large one seen from further away.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .timing import Timing
 
 __all__ = ("PACE", "fractal_noise", "onset_map", "rate_map")
 
@@ -41,6 +45,7 @@ _SETTLING = ((0.0, 0.01), (0.85, 0.45), (1.0, 0.7))  # all over, sheltered place
 _EVAPORATING = ((0.0, 0.02), (0.06, 0.04), (0.30, 0.12), (0.95, 0.62), (1.0, 0.72))  # to the end
 
 _GRID = 192  # cells of the coarse growth grid along the longer side
+_ZOOM = (1 / 8, 4.0)  # smaller spots are lost on the grid, larger ones do not fit the tile
 _LATE = 1e3  # an arrival time beyond any real one; finite, so that differences stay finite
 
 
@@ -48,7 +53,7 @@ _LATE = 1e3  # an arrival time beyond any real one; finite, so that differences 
 class _Growth:
     """How a process spreads. Lengths are in tile sides; time is what speed 1 needs to cross one."""
 
-    nuclei: int  # per square tile
+    nuclei: float  # per square tile
     clusters: tuple[float, float]  # noise cells (down, across) of the patches nuclei favour
     cluster_delay: float  # births lag by up to about this outside the patches
     birth_spread: float  # and by up to this at random
@@ -60,90 +65,134 @@ class _Growth:
     raggedness: float  # amplitude of the border noise's first octave, in time
     gain: float  # amplitude ratio from one octave to the next finer one
     mottling: float  # log-amplitude by which histories run slower in places
+    scale: float  # distance at which its onsets are half alike, where a tile holds many of them
     pace: tuple[tuple[float, float], ...] = PACE
+
+    def zoomed(self, scale: float | None) -> _Growth:
+        """The same pattern, magnified until its onsets are half alike at the distance `scale`."""
+        if scale is None:
+            return self
+        zoom = min(max(scale / self.scale, _ZOOM[0]), _ZOOM[1])
+        return replace(
+            self,
+            nuclei=self.nuclei / zoom**2,
+            clusters=(self.clusters[0] / zoom, self.clusters[1] / zoom),
+            grain=(self.grain[0] / zoom, self.grain[1] / zoom),
+            across=self.across * zoom,
+            down=self.down * zoom,
+            up=self.up * zoom,
+        )
 
 
 _PROCESSES = {
     "rust": _Growth(
         nuclei=700, clusters=(3, 3), cluster_delay=0.08, birth_spread=0.06,
         across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.022, gain=0.82,
-        mottling=0.5,
+        mottling=0.5, scale=0.067,
     ),
     "patina": _Growth(
         nuclei=60, clusters=(3, 4), cluster_delay=0.6, birth_spread=0.2,
         across=0.35, down=1.3, up=0.2, unevenness=0.8, grain=(4, 16), raggedness=0.14, gain=0.72,
-        mottling=0.35,
+        mottling=0.35, scale=0.141,
     ),
     "char": _Growth(
         nuclei=5, clusters=(2, 2), cluster_delay=0.1, birth_spread=0.15,
         across=1.0, down=0.8, up=1.25, unevenness=1.0, grain=(9, 9), raggedness=0.06, gain=0.65,
-        mottling=0.3,
+        mottling=0.3, scale=0.169,
     ),
     "drying": _Growth(
         nuclei=30, clusters=(3, 3), cluster_delay=0.7, birth_spread=0.15,
         across=1.0, down=0.8, up=1.1, unevenness=0.9, grain=(7, 7), raggedness=0.09, gain=0.6,
-        mottling=0.15, pace=_EVAPORATING,
+        mottling=0.15, scale=0.305, pace=_EVAPORATING,
     ),
     "fading": _Growth(
         nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
         across=1.0, down=1.0, up=1.0, unevenness=0.2, grain=(2, 2), raggedness=0.03, gain=0.6,
-        mottling=0.1, pace=_EVERYWHERE,
+        mottling=0.1, scale=0.305, pace=_EVERYWHERE,
     ),
     "soiling": _Growth(
         nuclei=260, clusters=(2, 10), cluster_delay=0.5, birth_spread=0.3,
         across=0.3, down=2.2, up=0.15, unevenness=0.7, grain=(3, 22), raggedness=0.12, gain=0.75,
-        mottling=0.5, pace=_SETTLING,
+        mottling=0.5, scale=0.104, pace=_SETTLING,
     ),
     "yellowing": _Growth(
         nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
         across=1.0, down=1.0, up=1.0, unevenness=0.3, grain=(3, 3), raggedness=0.04, gain=0.45,
-        mottling=0.15, pace=_EVERYWHERE,
+        mottling=0.15, scale=0.304, pace=_EVERYWHERE,
     ),
     "moss": _Growth(
         nuclei=45, clusters=(3, 3), cluster_delay=0.35, birth_spread=0.2,
         across=1.0, down=1.0, up=1.0, unevenness=0.6, grain=(10, 10), raggedness=0.05, gain=0.8,
-        mottling=0.35,
+        mottling=0.35, scale=0.185,
     ),
 }  # fmt: skip
 _SPOTS = _Growth(
     nuclei=120, clusters=(3, 3), cluster_delay=0.15, birth_spread=0.1,
     across=1.0, down=1.0, up=1.0, unevenness=0.5, grain=(8, 8), raggedness=0.03, gain=0.55,
-    mottling=0.3,
+    mottling=0.3, scale=0.13,
 )  # fmt: skip
 
 
-def onset_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool = True) -> Array:
+def onset_map(
+    process: str,
+    shape: tuple[int, int],
+    *,
+    seed: int,
+    timing: Timing | None = None,
+    tileable: bool = True,
+) -> Array:
     """Time, 0 to 1, at which each texel's history starts: float32 [H, W].
 
     `process` is `rust` (clustered spots that grow and merge), `patina` (streaks running down and
     soft patches), `char` (a ragged front burning outwards from a few places), `drying` (dry islands
     that eat into the wet), `soiling` (streaks below many sources), `moss` (cushions around a few
     dozen spores), `fading` and `yellowing` (nearly at once); any other name gets plain spots.
+    `timing` sets the pace and the scale; None leaves both to the process.
     `tileable` patterns wrap at the edges without a seam; otherwise a burning front also enters from
     an edge. The same arguments give the same map.
     """
     height, width = shape
     assert min(shape) > 0, shape
-    growth = _PROCESSES.get(process, _SPOTS)
+    growth = _growth(process, timing)
     source = _Source(seed, zlib.crc32(process.encode()), height / max(shape), width / max(shape))
     arrival = _spline(_arrival(growth, source, process, tileable), shape, tileable)
     arrival += growth.raggedness * fractal_noise(
         source.rng("border"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
     )
-    return _paced(arrival, growth.pace)
+    pace = growth.pace if timing is None else _quantiles(timing.onset)
+    return _paced(arrival, pace, alike=0.0)
 
 
-def rate_map(process: str, shape: tuple[int, int], *, seed: int, tileable: bool = True) -> Array:
+def rate_map(
+    process: str,
+    shape: tuple[int, int],
+    *,
+    seed: int,
+    timing: Timing | None = None,
+    tileable: bool = True,
+) -> Array:
     """How fast each texel's history runs, above 0 and at most 1: float32 [H, W].
 
     Noise of the same grain as the border's, from a few texels up. The arguments are `onset_map`'s.
     """
-    growth = _PROCESSES.get(process, _SPOTS)
+    growth = _growth(process, timing)
     source = _Source(seed, zlib.crc32(process.encode()), 1.0, 1.0)
     noise = fractal_noise(
         source.rng("rate"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
     )
+    if timing is not None:
+        return _paced(-noise, _quantiles(timing.rate), alike=1.0)
     return np.exp(-growth.mottling * np.clip(0.6 + noise, 0, 2), dtype=np.float32)
+
+
+def _growth(process: str, timing: Timing | None) -> _Growth:
+    growth = _PROCESSES.get(process, _SPOTS)
+    return growth if timing is None else growth.zoomed(timing.scale)
+
+
+def _quantiles(values: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
+    """As a pace: (share of texels, value)."""
+    return tuple((k / (len(values) - 1), value) for k, value in enumerate(values))
 
 
 @dataclass(frozen=True)
@@ -276,12 +325,12 @@ def _eikonal(
     return times
 
 
-def _paced(arrival: Array, pace: tuple[tuple[float, float], ...]) -> Array:
-    """Arrival times replaced by the `pace` of their ranks."""
+def _paced(arrival: Array, pace: tuple[tuple[float, float], ...], *, alike: float) -> Array:
+    """Arrival times replaced by the `pace` of their ranks; by `alike` where they do not differ."""
     bins = 1 << 14
     low, high = float(arrival.min()), float(arrival.max())
     if high <= low:
-        return np.zeros_like(arrival)
+        return np.full_like(arrival, alike)
     counts, edges = np.histogram(arrival, bins, (low, high))
     shares = np.concatenate(([0.0], np.cumsum(counts) / arrival.size))
     onset_at_edge = np.interp(shares, *np.transpose(pace))

@@ -14,7 +14,12 @@ from model_runtime import result
 from model_runtime.brdf import merl
 from model_runtime.errors import InputError
 from model_runtime.images import read_image, write_exr
-from model_runtime.temporal.ntm import LADDER
+from model_runtime.package import ModelCard, save_model
+from model_runtime.representation import load_representation
+from model_runtime.temporal.domain import Domain
+from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
+from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.timing import Timing
 from tests.ageing import (
     COLOURS,
     PRINCIPLED,
@@ -140,6 +145,26 @@ def test_rust_spreads_over_uniform_steel(steel: Path, tmp_path: Path):
         assert (turned[k] & ~turned[k + 3]).mean() < 0.01  # and loses none
 
 
+def plain_ntm(folder: Path, timing: Timing) -> Path:
+    """An NTM of 9 ages by which Kd grows evenly by 0.5, whatever it was."""
+    affine = Affine(torch.ones(9, 7), torch.zeros(9, 7))
+    affine.offset[:, :3] = torch.linspace(0, 0.5, 9)[:, None]
+    path = folder / "plain.safetensors"
+    card = {
+        "name": "plain",
+        "title": "Plain",
+        "frames": 9,
+        "representation": load_representation()[1],
+        "domain": {"radius": 2.0},
+        "temporal_model": "affine",
+        "timing": timing.json(),
+    }
+    parts = (ParameterLSTM(), LatentLSTM(12, 8), Domain(torch.full((1, 7), 0.5), 2.0))
+    ntm = NeuralTemporalModel(ModelCard(path, "ntm", 1, "plain", "Plain"), affine, *parts)
+    save_model(path, ntm.tensors(), card, kind="ntm")
+    return path
+
+
 class TestOnset:
     def test_uniform_without_onset_is_one_texel(self, steel: Path, tmp_path: Path):
         report = run(steel, tmp_path / "out", frames=4, onset="none")
@@ -175,6 +200,32 @@ class TestOnset:
             assert (changed[k, 24:] == 0).all()
         if uniform:  # a texel's age alone counts: half a unit later, the same
             np.testing.assert_allclose(values[4, 0, 20], values[2, 0, 0], rtol=1e-3)
+
+    def test_without_onset_a_material_changes_as_the_source_did_on_average(
+        self, steel: Path, tmp_path: Path
+    ):
+        """Kd grows with age by 0.5; half of the source starts at 0, half never."""
+        half = Timing.of(np.array((0.0, 1.0)).repeat(50))
+        options = {"ntm": str(plain_ntm(tmp_path, half)), "frames": 5, "onset": "none"}
+        run(steel, tmp_path / "out", **options)
+        kd = frames_of(tmp_path / "out", "kd", 5)[:, 0, 0, 0]
+        np.testing.assert_allclose(kd - kd[0], np.linspace(0, 0.25, 5), atol=4e-3)
+
+    def test_what_changed_everywhere_at_once_gets_no_pattern(self, steel: Path, tmp_path: Path):
+        ntm = str(plain_ntm(tmp_path, Timing.of(0.0)))
+        for onset in ("auto", "none"):
+            report = run(steel, tmp_path / onset, ntm=ntm, frames=5, onset=onset)
+            assert report["size"] == [1, 1]
+            kd = frames_of(tmp_path / onset, "kd", 5)[:, 0, 0, 0]
+            np.testing.assert_allclose(kd - kd[0], np.linspace(0, 0.5, 5), atol=1e-3)
+
+    def test_a_pattern_keeps_the_pace_of_the_source(self, steel: Path, tmp_path: Path):
+        """A quarter starts at 0, a quarter at mid-time, half never."""
+        ntm = plain_ntm(tmp_path, Timing.of(np.array((0.0, 0.5, 1.0, 1.0)).repeat(50), scale=0.1))
+        run(steel, tmp_path / "out", ntm=str(ntm), frames=5, size=64)
+        kd = frames_of(tmp_path / "out", "kd", 5)[..., 0]
+        changed = (kd > kd[0] + 1e-3).mean((1, 2))
+        np.testing.assert_allclose(changed, (0, 0.25, 0.25, 0.5, 0.5), atol=0.04)
 
     def test_another_seed_is_another_pattern(self, steel: Path, tmp_path: Path):
         ends = []

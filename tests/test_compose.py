@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from model_runtime.compose import AgedTexels
 from model_runtime.histories import Histories
 from model_runtime.plan import Palette
+from model_runtime.timing import Timing
 
 FRAMES = 9
 
@@ -84,6 +85,29 @@ def test_an_onset_of_1_never_starts():
 def test_a_slower_texel_is_where_a_faster_one_was():
     half = aged(onset=None, rate=torch.full((40,), 0.5))
     torch.testing.assert_close(half.at(0.8), aged(onset=None).at(0.4), rtol=1e-5, atol=1e-6)
+
+
+def test_texels_without_a_time_of_their_own_show_the_mean_over_the_source_s():
+    """Against each of many onsets and rates in turn."""
+    timing = Timing.of(np.array((0.0, 0.25, 0.5, 0.5, 1.0)).repeat(50), np.array((0.5, 1.0)))
+    texels = aged(onset=None, gain=torch.linspace(1, 0.4, FRAMES)[:, None].expand(FRAMES, 7))
+    mean = texels.averaged(torch.from_numpy(timing.mean_of_ages(FRAMES)))
+    torch.testing.assert_close(mean.at(0.0), texels.initial, rtol=0, atol=0)
+    shares = np.linspace(0, 1, len(timing.onset))
+    onsets = np.interp((np.arange(200) + 0.5) / 200, shares, timing.onset)
+    for time in (0.125, 0.5, 1.0):
+        each = [
+            aged(onset=torch.full((40,), o), rate=torch.full((40,), r), gain=texels.gain).at(time)
+            for o in onsets.tolist()
+            for r in (0.5625, 0.6875, 0.8125, 0.9375)
+        ]
+        torch.testing.assert_close(mean.at(time), torch.stack(each).mean(0), rtol=0, atol=2e-3)
+
+
+def test_the_mean_of_a_source_that_changed_at_once_is_the_history_itself():
+    texels = aged(onset=None)
+    mean = texels.averaged(torch.from_numpy(Timing.of(0.0).mean_of_ages(FRAMES)))
+    torch.testing.assert_close(mean.at(0.7), texels.at(0.7), rtol=1e-6, atol=1e-6)
 
 
 def test_without_an_onset_the_age_is_the_time():

@@ -9,6 +9,8 @@ import pytest
 from scipy import ndimage
 
 from model_runtime.onset import onset_map, rate_map
+from model_runtime.timing import Timing
+from training.timing import correlation_length
 
 SPREADING = ("rust", "patina", "char", "moss", "frost")  # the last is one it knows nothing of
 SETTLING = ("drying", "soiling")  # through by the end
@@ -115,6 +117,64 @@ def test_the_seed_decides():
     assert np.array_equal(first, again)
     assert not np.allclose(first, other)
     assert not np.allclose(first, onset_map("char", (64, 64), seed=7))
+
+
+class TestTiming:
+    """Of a source: its pace and scale, in the process's own pattern."""
+
+    @pytest.mark.parametrize("process", PROCESSES)
+    @pytest.mark.parametrize("shape", [(96, 96), (80, 200)])
+    def test_the_pace_and_the_mottling_are_the_source_s(self, process, shape):
+        rng = np.random.default_rng(6)
+        onset, rate = rng.beta(0.6, 1.5, 5000), rng.uniform(0.3, 1, 5000)
+        timing = Timing.of(onset, rate)
+        for make, source in ((onset_map, onset), (rate_map, rate)):
+            made = make(process, shape, seed=1, timing=timing)
+            assert made.shape == shape and made.dtype == np.float32
+            shares = np.linspace(0.01, 0.99, 50)
+            expected, found = np.quantile(source, shares), np.quantile(made, shares)
+            np.testing.assert_allclose(found, expected, atol=0.03)  # between 33 quantiles
+
+    @pytest.mark.parametrize("process", PROCESSES)
+    def test_that_of_a_pattern_of_ours_makes_the_pattern_again(self, process):
+        onset, rate = (make(process, (128, 128), seed=4) for make in (onset_map, rate_map))
+        timing = Timing.of(onset, rate)
+        again = onset_map(process, (128, 128), seed=4, timing=timing)
+        np.testing.assert_allclose(again, onset, atol=0.01)
+        mottled = rate_map(process, (128, 128), seed=4, timing=timing)
+        np.testing.assert_allclose(mottled, rate, atol=0.04)
+
+    @pytest.mark.parametrize("process", PROCESSES)
+    def test_the_scale_is_the_source_s(self, process):
+        """Within two fifths on average over seeds, which differ by a third."""
+
+        def length(scale: float) -> float:
+            timing = Timing.of(np.linspace(0, 1, 99), scale=scale)
+            maps = (onset_map(process, (160, 160), seed=s, timing=timing) for s in range(6))
+            return float(np.mean([correlation_length(onset) or 0.0 for onset in maps]))
+
+        assert length(0.1) == pytest.approx(0.1, rel=0.4)
+        assert length(0.05) == pytest.approx(0.05, rel=0.4)
+
+    @pytest.mark.parametrize("scale", [1e-4, 0.03, 1.0])
+    def test_any_scale_tiles(self, scale):
+        onset = onset_map(
+            "moss", (96, 96), seed=2, timing=Timing.of(np.linspace(0, 1, 9), scale=scale)
+        )
+        for axis in (0, 1):
+            inside = np.abs(np.diff(onset, axis=axis)).mean()
+            edge = np.abs(np.take(onset, 0, axis) - np.take(onset, -1, axis)).mean()
+            assert edge < 2 * inside
+
+    def test_all_at_once_is_no_pattern(self):
+        at_once = Timing.of(0.0)
+        assert (onset_map("rust", (16, 9), seed=0, timing=at_once) == 0).all()
+        assert (rate_map("rust", (16, 9), seed=0, timing=at_once) == 1).all()
+
+    def test_a_single_texel_starts_at_once_and_runs_at_full_speed(self):
+        late = Timing.of(0.8, 0.3)
+        assert onset_map("rust", (1, 1), seed=0, timing=late) == 0
+        assert rate_map("rust", (1, 1), seed=0, timing=late) == 1
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (3, 7), (4, 512)])

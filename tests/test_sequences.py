@@ -10,6 +10,7 @@ import pytest
 
 from model_runtime.errors import InputError
 from model_runtime.images import write_exr
+from model_runtime.timing import Timing
 from training.data.location import data_folder as find_data
 from training.data.sequences import MixtureSequence, Sequence, read_sequence
 
@@ -48,6 +49,20 @@ def test_onset_and_times_where_they_are_given(tmp_path):
     assert sequence.onset is not None
     assert (sequence.onset == 0.25).all()
     assert sequence.times.tolist() == [0, 0.75, 1]
+
+
+def test_timing_where_it_is_given(tmp_path):
+    write_frames(tmp_path)
+    assert read_maps(tmp_path).timing is None
+    timing = Timing.of(0.25, scale=0.1)
+    (tmp_path / "sequence.json").write_text(
+        json.dumps({"times": [0, 0.5, 1], "timing": timing.json()})
+    )
+    assert read_maps(tmp_path).timing == timing
+    for broken in ("null", "[]", '{"onset": 1}', json.dumps({**timing.json(), "scale": -1})):
+        (tmp_path / "sequence.json").write_text(f'{{"times": [0, 0.5, 1], "timing": {broken}}}')
+        with pytest.raises(InputError, match="describes no timing"):
+            read_sequence(tmp_path)
 
 
 def test_a_crop_keeps_rows_and_columns(tmp_path):

@@ -30,6 +30,7 @@ from training.evaluation.synthesis_statistics import (
     histogram_distance,
     map_distances,
 )
+from training.evaluation.synthesis_timing import STATISTICS
 from training.evaluation.synthesis_training import Effort, School
 from training.ntm import NTMConfig
 
@@ -133,7 +134,7 @@ class TestReport:
             assert image[..., :3].std() > 0.02
         assert set(report.cases["s3"].after_fit) == {"ours", *METHODS[-4:]}
         assert set(report.cases["s4"].true_onset) == {"ours", *METHODS[-4:]}
-        assert set(report.cases["s4"].statistics) == {"seeded", "none", "fade", "constant"}
+        assert set(report.cases["s4"].statistics) == set(STATISTICS)
 
     def test_what_does_not_exist_is_said(self, data_folder: Path, tmp_path: Path, weights: Path):
         with pytest.raises(UsageError, match="'s5'"):

@@ -22,6 +22,7 @@ from model_runtime.package import save_model
 from model_runtime.temporal.domain import MOST_CENTRES, Domain
 from model_runtime.temporal.models import Affine, Constant, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.timing import Timing
 from training.data.sequences import Sequence
 from training.data.synthetic import s1, s2
 from training.histories import align, source_histories
@@ -279,6 +280,12 @@ class TestNTM:
             assert torch.equal(value, stored[name])
         assert not any(p.requires_grad for p in ntm.latents.parameters())
 
+    def test_its_timing(self, ntm_file):
+        assert NeuralTemporalModel.load(ntm_file(), ENCODER).timing is None
+        timing = Timing.of(np.linspace(0, 1, 9), 0.8, scale=0.05)
+        path = ntm_file(timing=timing.json())
+        assert NeuralTemporalModel.load(path, ENCODER).timing == timing
+
     def test_another_encoder_s_is_refused_and_says_so(self, ntm_file):
         with pytest.raises(ModelFileError, match=r"another encoder .*feedbeef"):
             NeuralTemporalModel.load(ntm_file(representation="feedbeef"), ENCODER)
@@ -299,6 +306,9 @@ class TestNTM:
             {"frames": 6},
             {"temporal_model": "transformer"},
             {"temporal_model": None},
+            {"timing": []},
+            {"timing": {"onset": [2.0] * 33, "rate": [1.0] * 33, "scale": None}},
+            {"timing": {"onset": [0.0] * 9, "rate": [1.0] * 33, "scale": None}},
             {"tensors": {"affine.gain": None}},
             {"tensors": {"affine.gain": torch.zeros(5, 6)}},
             {"tensors": {"affine.offset": torch.zeros(4, 7)}},

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from model_runtime.errors import InputError, OutputError
+from model_runtime.onset import onset_map, rate_map
+from model_runtime.timing import Timing
 from training.data.kinetics import PROCESSES, history, wetted
 from training.data.sequences import Sequence, read_sequence
 from training.data.weathering import generate, initial_values, write
@@ -252,6 +254,15 @@ def test_half_of_the_texels_show_their_whole_history(sequence):
     assert np.mean(sequence.onset == 0) == pytest.approx(0.5, abs=0.05)
 
 
+def test_its_timing_is_that_of_the_process(sequence):
+    """Not of the texels that were started early for their histories' sake."""
+    process = sequence.name.split("-")[0]
+    assert sequence.timing == Timing.of(
+        *(make(process, (64, 64), seed=3) for make in (onset_map, rate_map))
+    )
+    assert sequence.timing.onset[0] > 0
+
+
 def test_a_texel_is_a_function_of_its_start_and_local_age(sequence):
     """Nothing hidden: what a model of z(0) cannot know does not enter."""
     process = sequence.name.split("-")[0]
@@ -274,6 +285,7 @@ def test_a_written_folder_reads_back(tmp_path):
     for name in ("kd", "ks", "alpha", "onset"):  # stored as half floats: 11 bits
         np.testing.assert_allclose(getattr(read, name), getattr(made, name), rtol=1e-3, atol=1e-6)
     np.testing.assert_array_equal(read.times, made.times)
+    assert isinstance(read, Sequence) and read.timing == made.timing
 
     write("char", tmp_path / "a" / "char", size=12, frames=3, seed=5)
     shorter = read_sequence(tmp_path / "a" / "char")

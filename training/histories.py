@@ -12,6 +12,7 @@ from torch import Tensor
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.representation.latents import Representation
+from model_runtime.timing import Timing
 
 from .data.location import data_folder
 from .data.nbrdf import load
@@ -51,6 +52,7 @@ class SourceHistories:
         age, with values that can be rendered; the rest says nothing and is left out of every fit
     out_of_range: the share of the sequence's values that had to be clamped to be rendered
     mixture: the true values of measured mixtures, which `parameters` were fitted to; else None
+    timing: when the sequence's texels start, as far as it is known
     """
 
     parameters: Tensor
@@ -58,6 +60,7 @@ class SourceHistories:
     observed: Tensor
     out_of_range: float = 0.0
     mixture: Mixture | None = None
+    timing: Timing | None = None
 
     def select(self, rows: Tensor) -> SourceHistories:
         """Only the texels `rows`."""
@@ -95,7 +98,7 @@ def source_histories(
         return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
 
     latents = _encode(parameters, values, representation, angles)
-    return SourceHistories(parameters, latents, observed, float(broken.mean()))
+    return SourceHistories(parameters, latents, observed, float(broken.mean()), sequence.timing)
 
 
 def align(states: Tensor, times: np.ndarray, onset: np.ndarray) -> tuple[Tensor, Tensor]:

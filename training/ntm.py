@@ -25,6 +25,7 @@ from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
 from .histories import SourceHistories, source_histories
 from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
+from .timing import timed
 
 __all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
 
@@ -79,7 +80,8 @@ def train_ntm(
     path. `card` holds name, title, description, process, source, license.
     """
     representation, identity = load_representation(encoder)
-    source = source_histories(read_sequence(sequence, clamp=False), representation, seed=seed)
+    shown = timed(read_sequence(sequence, clamp=False), seed=seed)
+    source = source_histories(shown, representation, seed=seed)
     run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
     ntm = train_ladder(source, representation, config, run)
     found = ntm.card.details
@@ -107,7 +109,7 @@ def train_ladder(
     source: SourceHistories, representation: Representation, config: NTMConfig, run: Run
 ) -> NeuralTemporalModel:
     """Every rung of the ladder, trained on `source`, under a card that holds what training found:
-    domain, temporal_model, ladder, trained.
+    domain, timing, temporal_model, ladder, trained.
 
     A tenth of the texels is held out from all rungs. Ranges are held out in trainings of their own,
     whose models are thrown away; the LSTMs' are short, and left out where a cheaper rung suffices.
@@ -154,6 +156,7 @@ def train_ladder(
             seconds += sum(record["seconds"] for record in spent)
     details = {
         "domain": {"ranges": _ranges(split.train.parameters[:, 0])},
+        "timing": None if source.timing is None else source.timing.json(),
         "temporal_model": choose(scores, sufficient=config.sufficient, margin=config.margin),
         "ladder": {
             rung: {name: round(psnr, 1) for name, psnr in found.items()}

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..errors import ModelFileError
 from ..package import ModelCard, load_model
+from ..timing import Timing
 from .domain import MOST_CENTRES, Domain
 from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
 
@@ -35,6 +36,11 @@ class NeuralTemporalModel:
     @property
     def frames(self) -> int:
         return self.card.frames
+
+    @property
+    def timing(self) -> Timing | None:
+        """When the source's texels started; None where the card does not say."""
+        return _timing(self.card)
 
     def rung(self, name: str) -> TemporalModel:
         """The model of change called `name` (one of `LADDER`)."""
@@ -87,6 +93,7 @@ class NeuralTemporalModel:
                 and card.details["temporal_model"] in LADDER
             ):
                 raise ValueError("shapes do not agree")
+            _timing(card)
         except (KeyError, RuntimeError, ValueError, TypeError) as error:
             raise ModelFileError(
                 f"{path.name} does not hold what an NTM needs.", "Copy or download it again."
@@ -94,6 +101,12 @@ class NeuralTemporalModel:
         for module in (parameters, latents):
             module.eval().requires_grad_(False)
         return cls(card, affine, parameters, latents, domain)
+
+
+def _timing(card: ModelCard) -> Timing | None:
+    """The card's timing; ValueError where it cannot be used."""
+    stored = card.details.get("timing")
+    return None if stored is None else Timing.from_json(stored)
 
 
 def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

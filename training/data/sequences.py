@@ -3,7 +3,7 @@
 Three kinds of folder hold one, and are told apart by what is in them:
 
 - *frames*: `kd_0001.exr ks_0001.exr alpha_0001.exr ...`, Torrance-Sparrow maps at uniform times
-  (or at the `times` of a `sequence.json`), with an optional `onset.exr`;
+  (or at the `times` of a `sequence.json`), with an optional `onset.exr` and, in the json, `timing`;
 - *polynomials*: `Diffuse-0.exr .. Diffuse-3.exr`, `Specular-*`, `Roughness-*`, coefficients of
   p(t) = c0 + c1 t + c2 t^2 + c3 t^3 per texel (the STAF database's form);
 - *mixtures*: `mixture.json`, `{"materials": [first, second]}`, naming two measured BRDFs, and
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from model_runtime.errors import InputError
 from model_runtime.images import read_image
+from model_runtime.timing import Timing
 
 __all__ = ("ALPHA_RANGE", "Crop", "MixtureSequence", "Sequence", "read_sequence", "uniform_times")
 
@@ -41,7 +42,9 @@ class Sequence:
 
     `kd`, `ks` [T, H, W, 3] linear Rec.709; `alpha` [T, H, W], the GGX alpha (not squared);
     `times` [T], 0 to 1, rising; `onset` [H, W], the time at which each texel's history starts, or
-    None where the sequence does not separate the two. Arrays are float32.
+    None where the sequence does not separate the two. `timing` says what an onset pattern like it
+    needs to know, where the sequence brings that with it: one whose texels were started early, so
+    that their histories are seen to the end, does not show it. Arrays are float32.
     """
 
     kd: Array
@@ -50,6 +53,7 @@ class Sequence:
     times: Array
     onset: Array | None
     name: str
+    timing: Timing | None = None
 
     def __post_init__(self) -> None:
         frames, height, width = self.alpha.shape
@@ -138,7 +142,7 @@ def _read_frames(folder: Path, crop: Crop | None) -> Sequence:
     }
     onset_path = folder / "onset.exr"
     onset = _stack([onset_path], crop)[0, ..., 0] if onset_path.exists() else None
-    return _sequence(folder, maps, _times(folder, frames), onset)
+    return replace(_sequence(folder, maps, _times(folder, frames), onset), timing=_timing(folder))
 
 
 def _read_polynomials(folder: Path, frames: int, crop: Crop | None) -> Sequence:
@@ -216,6 +220,21 @@ def _times(folder: Path, frames: int) -> Array:
             'It should read {"times": [0, ..., 1]}, or be absent for equally spaced frames.',
         )
     return times
+
+
+def _timing(folder: Path) -> Timing | None:
+    """The `timing` of `sequence.json`; None where there is none."""
+    path = folder / "sequence.json"
+    if not path.exists():
+        return None
+    try:
+        described = json.loads(path.read_text(encoding="utf-8"))
+        return Timing.from_json(described["timing"]) if "timing" in described else None
+    except (ValueError, TypeError) as error:
+        raise InputError(
+            f"{path} describes no timing ({error}).",
+            "Leave its timing out, and it is measured from onset.exr or from the frames.",
+        ) from error
 
 
 def _stack(paths: list[Path], crop: Crop | None) -> Array:

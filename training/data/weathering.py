@@ -7,7 +7,8 @@ fitting targets will have, and no others. The histories are those of `kinetics`;
 a data file.
 
 Half of the texels, drawn at random, start at once (onset 0), so that histories are seen through to
-a local age of 1; the others start when the process's onset map says.
+a local age of 1; the others start when the process's onset map says. The sequence's `timing` is
+that of the process's own maps.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 from model_runtime.errors import InputError, OutputError
 from model_runtime.images import write_exr
-from model_runtime.onset import fractal_noise, onset_map
+from model_runtime.onset import fractal_noise, onset_map, rate_map
+from model_runtime.timing import Timing
 
 from .kinetics import PROCESSES, history
 from .sequences import Sequence, uniform_times
@@ -54,12 +56,13 @@ def generate(process: str, *, size: int = 96, frames: int = 36, seed: int = 0) -
     rng = np.random.default_rng((seed, *process.encode()))
     kd, ks, alpha = initial_values(process, size=size, rng=rng)
     onset = onset_map(process, (size, size), seed=seed)
+    timing = Timing.of(onset, rate_map(process, (size, size), seed=seed))
     onset[rng.random((size, size)) < 0.5] = 0.0
 
     times = uniform_times(frames)
     aged = [history(process, kd, ks, alpha, np.maximum(0, time - onset)) for time in times]
     kd, ks, alpha = (np.stack(maps) for maps in zip(*aged, strict=True))
-    return Sequence(kd, ks, alpha, times, onset, f"{process}-{seed}")
+    return Sequence(kd, ks, alpha, times, onset, f"{process}-{seed}", timing)
 
 
 def write(
@@ -74,10 +77,11 @@ def write(
     cannot be written.
     """
     sequence = generate(process, size=size, frames=frames, seed=seed)
+    assert sequence.onset is not None and sequence.timing is not None
     made = {
         "process": process, "size": size, "frames": frames, "seed": seed,
         "source": "procedural (training/data/weathering.py)", "license": "GPL-3.0-or-later",
-        "times": [float(time) for time in sequence.times],
+        "times": [float(time) for time in sequence.times], "timing": sequence.timing.json(),
     }  # fmt: skip
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -86,7 +90,6 @@ def write(
                 earlier.unlink()
             for k, pixels in enumerate(getattr(sequence, name), start=1):
                 write_exr(folder / f"{name}_{k:04d}.exr", pixels)
-        assert sequence.onset is not None
         write_exr(folder / "onset.exr", sequence.onset)
         (folder / "sequence.json").write_text(json.dumps(made, indent=1), encoding="utf-8")
     except OSError as error:

@@ -189,12 +189,18 @@ class Rung:
         onset: Tensor | None = None,
         rate: Tensor | None = None,
     ) -> AgedTexels:
-        """Texels that start as `start` [n, 7], as in `model_runtime.age`."""
+        """Texels that start as `start` [n, 7], as in `model_runtime.age`: without `onset` [n] all
+        change as those of the source did on average.
+        """
         palette = palette or Palette(start, torch.arange(len(start)))
         histories = roll_out(palette.entries, self.ntm, rung, self.representation)
         gain = self.ntm.affine.gain
         gain = torch.ones_like(gain) if rung == "constant" else gain
-        return AgedTexels(start, palette, histories, gain, onset, rate)
+        texels = AgedTexels(start, palette, histories, gain, onset, rate)
+        timing = self.ntm.timing
+        if onset is not None or timing is None:
+            return texels
+        return texels.averaged(torch.from_numpy(timing.mean_of_ages(self.ntm.frames)))
 
     def decoded(self) -> Decoded:
         """The ladder's last rung, with nothing added."""

@@ -136,8 +136,8 @@ def _statistics_table(report: SynthesisReport) -> str:
     lines.append("|---" * (len(variants) + 1) + "|")
     for name, statistics in shown.items():
         texts = [
-            f"{found['histogram']:.3f} / {found['autocorrelation']:.3f}"
-            for found in (statistics[variant] for variant in variants)
+            f"{found['histogram']:.3f} / {found['autocorrelation']:.3f}" if found else ""
+            for found in (statistics.get(variant) for variant in variants)
         ]
         lines.append("| " + " | ".join([name, *texts]) + " |")
     return "\n".join(lines)
@@ -179,7 +179,9 @@ change the target alone.
 little about a neural model.
 - S3: mixtures of {pairs} (MERL, held out from all encoders); methods with latents are scored as \
 decoded, and after the fit of textures to them.
-- S4: the source's onset is known to the ladder, that of the target only under `true onset given`.
+- S4: the source's onset is known to the ladder, that of the target only under `true onset given`. \
+Of real materials it is estimated, where they have a timing that the first frame does not tell. \
+Without an onset, texels show the mean over the source's timing.
 - Left halves train, right halves are the truth; SteelRusting has no gloss; SnowyGround is at half \
 its resolution.
 - Minutes of one training, one core: {minutes}.
@@ -199,7 +201,8 @@ def tables(report: SynthesisReport) -> str:
             "## Spots: statistics of maps",
             _statistics_table(report),
             "Means over frames and maps of square roots of values; 0 is the truth. `seeded`: the"
-            " product with its seeded pattern, mean of three seeds; `none`: without any; `fade`:"
+            " product with its seeded pattern, mean of three seeds; `estimated`: the same where the"
+            " source's onset was hidden from it; `none`: without any; `fade`:"
             " the mean over texels, affine in the first frame; `constant`: a still image.",
         ]
     if report.domains:

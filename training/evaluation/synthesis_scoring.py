@@ -25,7 +25,7 @@ from .synthesis_training import describe
 
 __all__ = ("Scored", "Scorer", "strip_frames")
 
-_VERSION = 1
+_VERSION = 2
 _EVERY = 5
 _STRIP = 5
 
@@ -136,18 +136,19 @@ class Scorer:
         statistics = {}
         spotted = name == "ours" and self.case.name.startswith(("s4", "real"))
         if spotted:
-            statistics = spot_statistics(stage, method, self._blind(method))
+            statistics = spot_statistics(stage, method, self._estimated())
         return Scored(curves, statistics, method.rung(stage))
 
-    def _blind(self, method: Rung) -> Rung:
-        """The same ladder, taught without the source's onset."""
-        representation, encoder = self.models.encoders["ours"]
+    def _estimated(self) -> Rung | None:
+        """The product where it has to estimate the onset that the source brings; None where the
+        source brings none.
+        """
         source, key = self.case.source, self.case.source_key
-        if isinstance(source, Sequence) and source.onset is None:
-            return method
-        school = self.models.school
-        ntm = school.ladder(key, source, representation, encoder, onset=False)
-        return Rung(ntm, method.representation, None)
+        if not isinstance(source, Sequence) or source.onset is None:
+            return None
+        representation, encoder = self.models.encoders["ours"]
+        ntm = self.models.school.ladder(key, source, representation, encoder, onset=False)
+        return Rung(ntm, representation, None)
 
     def _looked_at(self, method: Method) -> tuple[list[int], Tensor]:
         """All frames and pixels; of a dear method few."""

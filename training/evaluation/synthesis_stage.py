@@ -4,7 +4,7 @@ are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -131,4 +131,4 @@ def thinned(
         )
     onset = None if sequence.onset is None else some(sequence.onset[None])[0]
     kd, ks, alpha = (some(maps) for maps in (sequence.kd, sequence.ks, sequence.alpha))
-    return Sequence(kd, ks, alpha, sequence.times, onset, sequence.name)
+    return replace(sequence, kd=kd, ks=ks, alpha=alpha, onset=onset)

@@ -8,6 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..timing import radial_covariance
+
 __all__ = ("autocorrelation_distance", "histogram_distance", "map_distances")
 
 _LEVELS = 256
@@ -30,25 +32,9 @@ def autocorrelation_distance(first: NDArray[np.floating], second: NDArray[np.flo
     a map that hardly varies is not like one that does, whatever its pattern. 0 to 2; 0 for equal
     maps, and for two without any variation.
     """
-    a, b = _radial_covariance(first), _radial_covariance(second)
+    a, b = radial_covariance(first), radial_covariance(second)
     larger = max(a[0], b[0])
     return 0.0 if larger < _FLAT else float(np.abs(a - b).mean() / larger)
-
-
-def _radial_covariance(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Covariance of texels by their distance, 0 to a quarter of the shorter side."""
-    height, width = values.shape
-    longest = max(1, min(height, width) // 4)
-    centred = values.astype(np.float64) - values.mean()
-    padded = (height + longest, width + longest)  # no wrapping within the distances looked at
-    power = np.abs(np.fft.rfft2(centred, padded)) ** 2
-    pairs = np.abs(np.fft.rfft2(np.ones_like(centred), padded)) ** 2
-    total, count = np.fft.irfft2(power, padded), np.fft.irfft2(pairs, padded)
-    down, across = (np.fft.fftfreq(side, 1 / side) for side in padded)
-    distance = np.rint(np.hypot(down[:, None], across)).astype(np.int64)
-    near = distance <= longest
-    sums = np.bincount(distance[near], total[near], longest + 1)
-    return sums / np.maximum(np.bincount(distance[near], count[near], longest + 1), 1)
 
 
 def map_distances(truth: torch.Tensor, estimate: torch.Tensor) -> tuple[float, float]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from model_runtime.compose import AgedTexels
 from model_runtime.onset import onset_map, rate_map
-from model_runtime.plan import build_palette, clamp_parameters
+from model_runtime.plan import Palette, build_palette, clamp_parameters
+from model_runtime.temporal.models import Affine
 
 from ..data.sequences import Sequence
 from .synthesis_cases import states_of
@@ -18,9 +21,11 @@ from .synthesis_statistics import map_distances
 
 __all__ = ("STATISTICS", "spot_statistics", "states_with_true_onset")
 
-STATISTICS = ("seeded", "none", "fade", "constant")
-"""What is compared with the truth by statistics: the product with its seeded pattern and without
-any; the fade that a mean over texels makes, each channel affine in what it was; a still image."""
+STATISTICS = ("seeded", "estimated", "none", "fade", "constant")
+"""What is compared with the truth by statistics: the product with its seeded pattern; the same
+where the source's onset was hidden and had to be estimated (only if it has one); the product
+without any; the fade that a mean over texels makes, each channel affine in what it was; a still
+image."""
 
 _SEEDS = (0, 1, 2)
 _EVERY = 5
@@ -36,47 +41,60 @@ def states_with_true_onset(stage: Stage, rung: Rung, frames: list[int], pixels: 
     return torch.stack([aged.at(frame / (stage.frames - 1)) for frame in frames])
 
 
-def spot_statistics(stage: Stage, rung: Rung, blind: Rung) -> dict[str, Tensor]:
+def spot_statistics(stage: Stage, rung: Rung, estimated: Rung | None = None) -> dict[str, Tensor]:
     """For each of `STATISTICS` [F, 3]: a frame, and the distances of histograms and
     autocorrelations of its maps (see `map_distances`) from the truth's, means over the maps.
 
-    `rung` is what the product uses, `blind` a ladder that knows nothing of onsets. Whole maps are
-    compared, their histories shared by a palette as in the product.
+    `rung` is what the product uses, `estimated` the same where it had to estimate onsets that were
+    hidden from it. Whole maps are compared, their histories shared by a palette as in the product.
     """
-    target = stage.case.target
-    assert isinstance(target, Sequence)
+    source, target = stage.case.source, stage.case.target
+    assert isinstance(source, Sequence) and isinstance(target, Sequence)
     shape = target.alpha.shape[1:]
     height, width = int(shape[0]), int(shape[1])
     frames = range(_EVERY, stage.frames, _EVERY)
     truth = clamp_parameters(states_of(target)[list(frames)])
     start = stage.start
     palette = build_palette(start, 0.05, most=256)
-    plain = rung.aged(start, rung.rung(stage), palette=palette)
+    size = (height, width)
     estimates: dict[str, list[AgedTexels]] = {
-        "seeded": [_patterned(plain, stage.case.process, (height, width), s) for s in _SEEDS],
-        "none": [plain],
-        "fade": [blind.aged(start, "affine", palette=palette)],
+        "seeded": _patterned(stage, rung, palette, size),
+        "none": [rung.aged(start, rung.rung(stage), palette=palette)],
+        "fade": [_fading(source, rung).aged(start, "affine", palette=palette)],
         "constant": [rung.aged(start, "constant", palette=palette)],
     }
+    if estimated is not None:
+        estimates["estimated"] = _patterned(stage, estimated, palette, size)
     found = {}
     for name, variants in estimates.items():
         rows = []
         for frame, true in zip(frames, truth, strict=True):
             time = frame / (stage.frames - 1)
-            pairs = [map_distances(true, v.at(time).view(height, width, 7)) for v in variants]
+            pairs = [map_distances(true, v.at(time).view(*size, 7)) for v in variants]
             rows.append((float(frame), *np.mean(pairs, 0).tolist()))
         found[name] = torch.tensor(rows)
     return found
 
 
-def _patterned(aged: AgedTexels, process: str, shape: tuple[int, int], seed: int) -> AgedTexels:
-    """With the product's onset and rate."""
-    onset, rate = (make(process, shape, seed=seed) for make in (onset_map, rate_map))
-    return AgedTexels(
-        aged.initial,
-        aged.palette,
-        aged.histories,
-        aged.gain,
-        torch.from_numpy(onset).flatten(),
-        torch.from_numpy(rate).flatten(),
-    )
+def _fading(source: Sequence, rung: Rung) -> Rung:
+    """`rung` with an affine model of change that knows nothing of onsets."""
+    histories = clamp_parameters(states_of(source)).flatten(1, 2).transpose(0, 1)
+    seen = torch.from_numpy(~source.out_of_range()).flatten(1).T
+    card = replace(rung.ntm.card, details={**rung.ntm.card.details, "timing": None})
+    return replace(rung, ntm=replace(rung.ntm, card=card, affine=Affine.fit(histories, seen)))
+
+
+def _patterned(
+    stage: Stage, rung: Rung, palette: Palette, size: tuple[int, int]
+) -> list[AgedTexels]:
+    """With the product's onset and rate, for each of `_SEEDS`."""
+    timing, process = rung.ntm.timing, stage.case.process
+    variants = []
+    for seed in _SEEDS:
+        onset, rate = (
+            torch.from_numpy(make(process, size, seed=seed, timing=timing)).flatten()
+            for make in (onset_map, rate_map)
+        )
+        chosen = rung.rung(stage)
+        variants.append(rung.aged(stage.start, chosen, palette=palette, onset=onset, rate=rate))
+    return variants

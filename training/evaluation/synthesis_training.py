@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
@@ -18,6 +18,7 @@ from ..data.sequences import MixtureSequence, Sequence
 from ..histories import SourceHistories, source_histories
 from ..kept import identity, keep, read_kept
 from ..ntm import NTMConfig, Run, train_ladder, train_lstm
+from ..timing import timed
 from .synthesis_cases import states_of
 from .synthesis_stage import thinned
 
@@ -40,7 +41,7 @@ def describe(sequence: Sequence | MixtureSequence) -> str:
     """What identifies a sequence."""
     if isinstance(sequence, MixtureSequence):
         return identity(",".join(sequence.materials), torch.from_numpy(sequence.weights))
-    parts = [states_of(sequence), torch.from_numpy(sequence.times)]
+    parts = [str(sequence.timing), states_of(sequence), torch.from_numpy(sequence.times)]
     parts += [] if sequence.onset is None else [torch.from_numpy(sequence.onset)]
     return identity(*parts)
 
@@ -65,17 +66,16 @@ class School:
         onset: bool = True,
     ) -> NeuralTemporalModel:
         """All rungs, as `python -m training ntm` would train them on the texels of `source`; its
-        onset, where it has one, is known to them unless `onset` is False. `encoder` is the hash of
-        the representation.
+        onset, where it has one, is known to them unless `onset` is False: then it is estimated.
+        `encoder` is the hash of the representation.
         """
         effort = self.effort
-        chosen = _without_onset(source) if not onset else source
-        made_from = identity(
-            describe(chosen), encoder, f"{effort.ladder} {effort.texels} {self._VERSION}"
-        )
-        path = self.kept / f"ntm_{key}{'' if onset else '_blind'}.safetensors"
+        chosen = source if onset else _without_onset(source)
+        spent = f"{effort.ladder} {effort.texels} {self._VERSION}"
+        made_from = identity(describe(chosen), encoder, spent)
+        path = self.kept / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"
         if not path.exists() or read_card(path).details.get("made_from") != made_from:
-            histories = source_histories(thinned(chosen, effort.texels), representation)
+            histories = source_histories(thinned(timed(chosen), effort.texels), representation)
             run = Run(self.kept / f"{path.stem}_{made_from[:8]}", resume=True)
             ntm = train_ladder(histories, representation, effort.ladder, run)
             card = {"name": key, "title": key, "frames": ntm.frames, "representation": encoder}
@@ -115,7 +115,7 @@ class School:
         model.load_state_dict(stored)
         return model.eval().requires_grad_(False)
 
-    _VERSION = 1
+    _VERSION = 2
 
 
 def _kept(path: Path, made_from: str, make: Callable[[], dict[str, Tensor]]) -> dict[str, Tensor]:
@@ -127,9 +127,9 @@ def _kept(path: Path, made_from: str, make: Callable[[], dict[str, Tensor]]) -> 
 
 
 def _without_onset(source: Sequence | MixtureSequence) -> Sequence | MixtureSequence:
-    if isinstance(source, MixtureSequence) or source.onset is None:
-        return source
-    return Sequence(source.kd, source.ks, source.alpha, source.times, None, source.name)
+    return (
+        source if isinstance(source, MixtureSequence) else replace(source, onset=None, timing=None)
+    )
 
 
 def _remove_checkpoints(base: Path) -> None:
