@@ -98,7 +98,9 @@ def source_histories(
         return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
 
     latents = _encode(parameters, values, representation, angles)
-    return SourceHistories(parameters, latents, observed, float(broken.mean()), sequence.timing)
+    return SourceHistories(
+        parameters, latents, observed, float(broken.mean()), timing=sequence.timing
+    )
 
 
 def align(states: Tensor, times: np.ndarray, onset: np.ndarray) -> tuple[Tensor, Tensor]:
