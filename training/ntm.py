@@ -166,7 +166,7 @@ def train_ladder(
             "iterations": dict(
                 zip(("parameters", "latents"), (r["iterations"] for r in records), strict=True)
             ),
-            "minutes": round(seconds / 60, 1),
+            "minutes": round(seconds / 60, 2),
             "seed": run.seed,
             "texels": len(source.parameters),
             "ranges_of": _CHANNELS[channel],

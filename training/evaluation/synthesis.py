@@ -23,6 +23,7 @@ from .methods import WEIGHTS
 from .synthesis_cases import CASES, Case, make_cases
 from .synthesis_charts import SHOWCASES, Strip
 from .synthesis_methods import METHODS, load_models
+from .synthesis_minutes import learning_curves
 from .synthesis_report import write_report
 from .synthesis_results import CaseResult, Curve, SynthesisReport, averaged
 from .synthesis_scoring import Scored, Scorer
@@ -67,6 +68,7 @@ def evaluate_synthesis(
     taught = load_models(names, school, encoder=encoder, weights=weights)
     domains = domain_roc(list_models((models,)), data)
     sphere = TexturedSphere.load(data / "hdri", pixels=pixels, stride=stride, kept=kept)
+    look = f"{pixels} {stride}"
 
     scored: dict[str, dict[str, dict[str, Scored]]] = defaultdict(dict)
     clamped: dict[str, list[float]] = defaultdict(list)
@@ -80,7 +82,7 @@ def evaluate_synthesis(
             lambda case=case: Stage.of(case, sphere),
             taught,
             kept,
-            f"{pixels} {stride}",
+            look,
             learned["methods"],
         )
         found = {name: scorer.score(name) for name in names}
@@ -95,7 +97,12 @@ def evaluate_synthesis(
         name: round(float(np.mean(list(each.values()))), 3) for name, each in school.minutes.items()
     }
     settings = {"pixels": pixels, "stride": stride, "effort": asdict(school.effort)}
-    report = SynthesisReport(results, minutes, settings, time.perf_counter() - start, domains)
+    learning = {}
+    if cases is None and "ours" in names:
+        learning = learning_curves(data, sphere, taught, size=pixels, look=look)
+    report = SynthesisReport(
+        results, minutes, settings, time.perf_counter() - start, domains, learning
+    )
     output.mkdir(parents=True, exist_ok=True)
     write_report(report, strips, output)
     if cases is None:

@@ -17,7 +17,15 @@ from .synthesis_cases import Case
 from .synthesis_results import CaseResult, SynthesisReport
 from .synthesis_scoring import Scored, Scorer, strip_frames
 
-__all__ = ("SHOWCASES", "TITLES", "Strip", "chart_curves", "chart_statistics", "draw_strip")
+__all__ = (
+    "COLORS",
+    "SHOWCASES",
+    "TITLES",
+    "Strip",
+    "chart_curves",
+    "chart_statistics",
+    "draw_strip",
+)
 
 SHOWCASES = (
     "s1_a0.8_b0.1",
@@ -41,7 +49,7 @@ TITLES = {
     "lstm_parameters": "LSTM, parameters",
     "lstm_latents": "LSTM, latents",
 }
-_COLORS = {
+COLORS = {
     "ours": "#0072B2",
     "paper": "#D55E00",
     "brdfnps": "#E69F00",
@@ -162,12 +170,12 @@ def chart_curves(report: SynthesisReport, path: Path) -> bool:
 
 def _curves(ax: Axes, case: CaseResult) -> None:
     for name, curve in case.curves.items():
-        style = {"color": _COLORS[name], "linewidth": 2.6 if name == "ours" else 1.3}
+        style = {"color": COLORS[name], "linewidth": 2.6 if name == "ours" else 1.3}
         frames = np.array(curve.frames) + 1
         ax.plot(frames, curve.psnr, label=TITLES[name], **style)
         if name in case.ceilings:
             ceiling = case.ceilings[name]
-            ax.plot(np.array(ceiling.frames) + 1, ceiling.psnr, ":", color=_COLORS[name])
+            ax.plot(np.array(ceiling.frames) + 1, ceiling.psnr, ":", color=COLORS[name])
     ax.set_xlabel("frame (1 is given)")
     ax.set_ylabel("PSNR (dB)")
     ax.grid(color="#dddddd", linewidth=0.6)

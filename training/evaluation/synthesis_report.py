@@ -10,6 +10,7 @@ import numpy as np
 from .domains import chart_domains
 from .synthesis_cases import ALPHAS, BETAS, GRID, MIXTURES, PBR
 from .synthesis_charts import TITLES, Strip, chart_curves, chart_statistics, draw_strip
+from .synthesis_minutes import chart_minutes
 from .synthesis_results import Curve, SynthesisReport
 
 __all__ = ("PUBLISHED", "grid_table", "other_table", "tables", "write_report")
@@ -219,6 +220,8 @@ def write_report(report: SynthesisReport, strips: Sequence[Strip], folder: Path)
     ):
         if draw(report, folder / file):
             parts += [f"## {title}", f"![{title}]({file})"]
+    if chart_minutes(report.learning, folder / "synthesis_minutes.png"):
+        parts += ["## PSNR by minutes of training", "![Learning curves](synthesis_minutes.png)"]
     if chart_domains(report.domains, folder / "domains.png"):
         parts += ["## What the models know", "![ROC curves of the domains](domains.png)"]
     for strip in strips:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,7 +10,10 @@ import numpy as np
 
 from .domains import DomainResult
 
-__all__ = ("CaseResult", "Curve", "SynthesisReport", "averaged")
+__all__ = ("CaseResult", "Curve", "LearningCurves", "SynthesisReport", "averaged")
+
+LearningCurves = Mapping[str, Mapping[str, Sequence[tuple[float, float]]]]
+"""By case and method: minutes of a core that the whole ladder took, and mean PSNR in dB."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class CaseResult:
 @dataclass(frozen=True)
 class SynthesisReport:
     """Every case by name; minutes that one training of each method took; how the domain of each
-    bundled NTM judges materials.
+    bundled NTM judges materials; PSNR by minutes of training.
     """
 
     cases: Mapping[str, CaseResult]
@@ -104,12 +107,14 @@ class SynthesisReport:
     settings: Mapping[str, Any]
     seconds: float
     domains: Mapping[str, DomainResult] = field(default_factory=dict)
+    learning: LearningCurves = field(default_factory=dict)
 
     def json(self) -> dict[str, Any]:
         """The content of `synthesis.json`."""
         return {
             "cases": {name: case.json() for name, case in self.cases.items()},
             "train_minutes": dict(self.train_minutes),
+            "learning": {case: dict(curves) for case, curves in self.learning.items()},
             "domains": {name: result.json() for name, result in self.domains.items()},
             "settings": dict(self.settings),
             "seconds": round(self.seconds, 1),
