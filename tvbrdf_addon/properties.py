@@ -20,9 +20,14 @@ RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else se
 OWN_FILE = "file"
 
 QUALITIES = (
-    ("draft", "Draft", "Quick look: fewest distinct texels are modelled"),
-    ("balanced", "Balanced", "Models as little as the tolerance allows"),
-    ("exact", "Exact", "Models every texel with every sample and leaves nothing out. Slow"),
+    ("draft", "Draft", "A quick look, not checked: few distinct materials are modelled"),
+    ("balanced", "Balanced", "Models as little as the tolerance allows, and checks that it does"),
+    (
+        "exact",
+        "Exact",
+        "Models every texel with every sample and leaves nothing out: for comparisons. Can take "
+        "hours; the estimate above the button says so before you start",
+    ),
 )
 TEMPORAL_MODELS = (
     ("auto", "Automatic", "The simplest model that the source sequence supports"),
@@ -98,6 +103,10 @@ def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) ->
     self.use_scene_range = False
 
 
+def _leave_camera_size(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
+    self.use_camera_size = False
+
+
 class TVBRDF_PG_material(bpy.types.PropertyGroup):
     """How a material is aged, and what it was before."""
 
@@ -137,13 +146,22 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         min=1,
         soft_max=250,
     )
+    use_camera_size: bpy.props.BoolProperty(
+        name="Size from Cameras",
+        description=(
+            "Make the textures as large as the cameras of the scene can see over the frame range, "
+            "and never larger than the material's own images"
+        ),
+        default=True,
+    )
     size: bpy.props.IntProperty(
         name="Size",
-        description="Longer side, in pixels, of textures that have to be baked",
+        description="Longer side of the textures; images are never enlarged",
         default=1024,
         min=16,
         max=8192,
         subtype="PIXEL",
+        update=_leave_camera_size,
     )
     quality: bpy.props.EnumProperty(
         name="Quality",
@@ -211,6 +229,10 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Folder with the textures of the last run",
         subtype="DIR_PATH",
         options={"HIDDEN"} | RELATIVE,
+    )
+    size_reason: bpy.props.StringProperty(
+        description="Why the textures of the last run have their size; empty where it was chosen",
+        options={"HIDDEN"},
     )
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import output, properties
+from . import forecast, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
 from .worker import Done, Notice, Progress, Worker
@@ -34,14 +34,15 @@ GUESS_FRACTION, GUESS_SECONDS = 0.05, 2.0
 class Plan:
     """Everything that a run needs to know, so that the panel may be changed meanwhile.
 
-    `request` is what the worker is asked for, without the input.
+    `size` is None where the cameras decide.  `request` is what the worker is asked for, without the
+    input.
     """
 
     material_uid: int
     material_name: str
     object_uid: int | None
     scene_uid: int
-    size: int
+    size: int | None
     frame_start: int
     frame_end: int
     folder: Path
@@ -70,7 +71,7 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
         material_name=material.name,
         object_uid=obj.session_uid if obj is not None else None,
         scene_uid=scene.session_uid,
-        size=settings.size,
+        size=None if settings.use_camera_size else settings.size,
         frame_start=frame_start,
         frame_end=frame_end,
         folder=output.free_folder(parent, material.name, _folders_in_use(material)),
@@ -168,6 +169,7 @@ class Run:
         self.plan = plan
         self.stage = "Reading the material"
         self.fraction = 0.0
+        self.size_reason = ""
         self.warnings: list[str] = []
         self.aged: dict[str, Any] = {}
         self.cancel_requested = False
@@ -242,11 +244,12 @@ class Run:
             frame=self.plan.frame_start,
         )
         self.warnings.extend(reading.warnings)
+        self.size_reason = reading.textures.why
         return reading
 
     def _compute(self, folder: Path, reading: Reading) -> Iterator[None]:
         self.stage = "Starting the worker"
-        size = self.plan.size if reading.uniform else max(reading.size)
+        size = reading.textures.pixels if reading.uniform else max(reading.size)
         request = self.plan.request | {
             "input": str(folder),
             "output": str(self.plan.folder),
@@ -289,6 +292,8 @@ class Run:
         )
         folder = str(self.plan.folder)
         material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder
+        material.tvbrdf.size_reason = self.size_reason
+        forecast.learn(self.aged, self.plan.folder)
 
     def _material(self) -> bpy.types.Material:
         material = _by_uid(bpy.data.materials, self.plan.material_uid)
