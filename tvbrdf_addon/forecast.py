@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +21,26 @@ from .material.space import Space, choose_space
 from .material.trace import find_principled
 from .report import report_in
 
-__all__ = ("Forecast", "forecast", "learn", "unregister")
+__all__ = ("Forecast", "forecast", "is_worth_a_preview", "learn", "unregister")
 
 # Seconds between two looks, at least; and how many times as long as a look took.
 PAUSE, SHARE = 1.0, 20.0
 RATES = "rates.json"
 
+# A preview delays the result by a second or two.
+PREVIEW_SECONDS = 5.0
+
 
 @dataclass(frozen=True)
 class Forecast:
-    """What is probable: `size` (height, width) of the textures, why (a sentence or nothing), time
-    and disk use."""
+    """What is probable: `size` (height, width) of the textures and why (a sentence or nothing),
+    time and disk use, and those of quality Balanced.
+    """
 
     size: tuple[int, int]
     why: str
     estimate: Estimate
+    balanced: Estimate
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,14 @@ def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast |
     else:
         return None
     work = Work(size[0] * size[1], settings.steps, settings.quality, _temporal_model(settings))
-    return Forecast(size, why, _kept_rates().of(work))
+    rates = _kept_rates()
+    return Forecast(size, why, rates.of(work), rates.of(replace(work, quality="balanced")))
+
+
+def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> bool:
+    """Whether ageing `material` takes so long that a preview before it is welcome."""
+    expected = forecast(material, scene)
+    return expected is not None and expected.estimate.seconds > PREVIEW_SECONDS
 
 
 def learn(aged: Mapping[str, Any], folder: Path) -> None:

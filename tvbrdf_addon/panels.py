@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import textwrap
+from pathlib import Path
 from typing import ClassVar
 
 import bpy
 
 from . import properties, session
+from .estimate import LONG_SECONDS, in_bytes, in_time
+from .forecast import forecast
 from .material.revert import is_aged
 from .operators import material_of
+from .report import Report, report_in
 from .run import Run, why_not
 
 __all__ = ("CLASSES",)
@@ -94,7 +98,9 @@ def _draw_range(
 def _draw_detail(layout: bpy.types.UILayout, material: bpy.types.Material) -> None:
     settings = material.tvbrdf
     column = layout.column()
-    column.prop(settings, "size")
+    column.prop(settings, "use_camera_size")
+    if not settings.use_camera_size:
+        column.prop(settings, "size")
     column.prop(settings, "quality")
     column.prop(settings, "output")
 
@@ -107,14 +113,32 @@ def _draw_action(
     row.scale_y = 1.5
     text = "Age Again from the Original" if aged else "Age Material"
     row.operator("tvbrdf.age_material", text=text)
+    # Below the button: what comes and goes must not move it under the mouse.
     if reason := why_not(material, context.scene):
         _paragraph(layout, context, reason, "ERROR")
+    else:
+        _draw_forecast(layout, context, material)
     if aged:
         row = layout.row(align=True)
         row.operator("tvbrdf.revert", icon="LOOP_BACK")
         row.operator(
             "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
         )
+
+
+def _draw_forecast(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    if (expected := forecast(material, context.scene)) is None:
+        return
+    seconds, balanced = expected.estimate.seconds, expected.balanced.seconds
+    said = f"About {in_time(seconds)}, {in_bytes(expected.estimate.bytes)}."
+    if material.tvbrdf.quality == "exact" and seconds > max(LONG_SECONDS, 2 * balanced):
+        texels = expected.size[0] * expected.size[1]
+        said += f" Exact models each of {texels:,} texels; Balanced takes {in_time(balanced)}."
+    _paragraph(layout, context, said, "TIME" if seconds < LONG_SECONDS else "ERROR")
+    if expected.why:
+        _paragraph(layout, context, expected.why, "CAMERA_DATA")
 
 
 def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
@@ -128,6 +152,8 @@ def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
     left = "" if run.seconds_left is None else f"  {_time_left(run.seconds_left)}"
     column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}{left}")
     column.label(text=f"{run.stage}…")
+    if run.previewing:
+        column.label(text="Play: a preview is shown", icon="PLAY")
     row = layout.row()
     row.enabled = not run.cancel_requested
     row.operator(
@@ -175,6 +201,29 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     _paragraph(box, context, chosen[2])
 
 
+def _has_report(material: bpy.types.Material | None) -> bool:
+    if material is None or not is_aged(material) or material.tvbrdf.is_preview:
+        return False
+    return _report(material) is not None
+
+
+def _report(material: bpy.types.Material) -> Report | None:
+    folder = material.tvbrdf.folder
+    return report_in(Path(bpy.path.abspath(folder))) if folder else None
+
+
+def _draw_report(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    material = material_of(context)
+    report = _report(material)
+    card = properties.card_named(report.ntm)
+    usual = card.details["temporal_model"] if card is not None else None
+    sentences = (report.change(usual), *report.sentences, material.tvbrdf.size_reason)
+    for sentence in filter(None, sentences):
+        _paragraph(layout, context, sentence, "DOT")
+    for sentence in report.warnings:
+        _paragraph(layout, context, sentence, "ERROR")
+
+
 class _SidebarPanel:
     bl_space_type = "NODE_EDITOR"
     bl_region_type = "UI"
@@ -203,6 +252,19 @@ class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
         _draw_age(self.layout, context)
 
 
+class NODE_PT_tvbrdf_report(_SidebarPanel, bpy.types.Panel):
+    bl_label = "Report"
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _has_report(material_of(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_report(self.layout, context)
+
+
 class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "NODE_PT_tvbrdf_age"
@@ -223,6 +285,19 @@ class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
         _draw_age(self.layout, context)
 
 
+class MATERIAL_PT_tvbrdf_report(_PropertiesPanel, bpy.types.Panel):
+    bl_label = "Report"
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _has_report(material_of(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_report(self.layout, context)
+
+
 class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "MATERIAL_PT_tvbrdf_age"
@@ -234,7 +309,9 @@ class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
 
 CLASSES = (
     NODE_PT_tvbrdf_age,
+    NODE_PT_tvbrdf_report,
     NODE_PT_tvbrdf_advanced,
     MATERIAL_PT_tvbrdf_age,
+    MATERIAL_PT_tvbrdf_report,
     MATERIAL_PT_tvbrdf_advanced,
 )

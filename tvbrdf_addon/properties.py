@@ -11,7 +11,16 @@ import bpy
 from ..model_runtime import package
 from . import preferences
 
-__all__ = ("CLASSES", "OWN_FILE", "card_of", "frame_range", "model_file", "register", "unregister")
+__all__ = (
+    "CLASSES",
+    "OWN_FILE",
+    "card_named",
+    "card_of",
+    "frame_range",
+    "model_file",
+    "register",
+    "unregister",
+)
 
 # Blender 4.5 and later want to be told that a path may begin with `//`; earlier ones never ask.
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()
@@ -224,6 +233,10 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="What Revert restores, as JSON; empty while the material is not aged",
         options={"HIDDEN"},
     )
+    is_preview: bpy.props.BoolProperty(
+        description="Whether what is shown is the preview of a run that goes on",
+        options={"HIDDEN"},
+    )
     folder: bpy.props.StringProperty(
         name="Result",
         description="Folder with the textures of the last run",
@@ -246,7 +259,12 @@ def frame_range(material: bpy.types.Material, scene: bpy.types.Scene) -> tuple[i
 
 def card_of(settings: TVBRDF_PG_material) -> package.ModelCard | None:
     """The card of the chosen model; None where it is a file of the user's or no longer there."""
-    return _list_models().cards.get(settings.ntm)
+    return card_named(settings.ntm)
+
+
+def card_named(name: str) -> package.ModelCard | None:
+    """The card of a model that can be chosen; None where there is none called that."""
+    return _list_models().cards.get(name)
 
 
 def model_file(settings: TVBRDF_PG_material) -> Path | None:

@@ -21,7 +21,7 @@ __all__ = ("FULL", "LARGEST", "TextureSize", "all_the_cameras_see", "own_size")
 FULL = 1024
 """Longer side, in pixels, of textures without images behind them, where nothing says another."""
 
-LARGEST = 4096
+LARGEST = 2048
 """The most that cameras can ask for where no image sets a bound."""
 
 # Texels for a pixel, each way: at one, what is filtered twice is blurred, and between two frames
@@ -88,9 +88,11 @@ def all_the_cameras_see(
     wanted = max(1, math.ceil(_SAFETY * seen / _MULTIPLE - 1e-3)) * _MULTIPLE
     if own is not None and wanted > _WORTHWHILE * own:
         return TextureSize(own, f"The cameras see all {own} px of the images.")
-    pixels = min(wanted, most)
+    if wanted > most:
+        return TextureSize(most, f"The cameras see more than {most} px: set a size to go further.")
+    now = " on this frame" if frames is None else ""
     of = f", of {own} in the images" if own else ""
-    return TextureSize(pixels, f"{pixels} px is all the cameras see{of}.")
+    return TextureSize(wanted, f"{wanted} px is all the cameras see{now}{of}.")
 
 
 def _over(view: _View, frames: Iterable[int], most: int) -> float:
