@@ -13,7 +13,7 @@ from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
 from .material.revert import is_aged
 from .operators import material_of
-from .report import Report, report_in
+from .report import report_in
 from .run import Run, why_not
 
 __all__ = ("CLASSES",)
@@ -65,6 +65,7 @@ def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     else:
         _draw_action(layout, context, material)
         _draw_outcome(layout, context, material)
+        _draw_report(layout, context, material)
 
 
 def _draw_model(
@@ -201,27 +202,24 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     _paragraph(box, context, chosen[2])
 
 
-def _has_report(material: bpy.types.Material | None) -> bool:
-    if material is None or not is_aged(material) or material.tvbrdf.is_preview:
-        return False
-    return _report(material) is not None
-
-
-def _report(material: bpy.types.Material) -> Report | None:
-    folder = material.tvbrdf.folder
-    return report_in(Path(bpy.path.abspath(folder))) if folder else None
-
-
-def _draw_report(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    material = material_of(context)
-    report = _report(material)
+def _draw_report(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    settings = material.tvbrdf
+    folder = Path(bpy.path.abspath(settings.folder)) if settings.folder else None
+    report = report_in(folder) if folder is not None and is_aged(material) else None
+    if report is None:
+        return
+    header, body = layout.panel("tvbrdf_report", default_closed=True)
+    header.label(text="Report")
+    if body is None:
+        return
     card = properties.card_named(report.ntm)
     usual = card.details["temporal_model"] if card is not None else None
-    sentences = (report.change(usual), *report.sentences, material.tvbrdf.size_reason)
-    for sentence in filter(None, sentences):
-        _paragraph(layout, context, sentence, "DOT")
+    for sentence in filter(None, (report.change(usual), *report.sentences, settings.size_reason)):
+        _paragraph(body, context, sentence, "DOT")
     for sentence in report.warnings:
-        _paragraph(layout, context, sentence, "ERROR")
+        _paragraph(body, context, sentence, "ERROR")
 
 
 class _SidebarPanel:
@@ -252,19 +250,6 @@ class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
         _draw_age(self.layout, context)
 
 
-class NODE_PT_tvbrdf_report(_SidebarPanel, bpy.types.Panel):
-    bl_label = "Report"
-    bl_parent_id = "NODE_PT_tvbrdf_age"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _has_report(material_of(context))
-
-    def draw(self, context: bpy.types.Context) -> None:
-        _draw_report(self.layout, context)
-
-
 class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "NODE_PT_tvbrdf_age"
@@ -285,19 +270,6 @@ class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
         _draw_age(self.layout, context)
 
 
-class MATERIAL_PT_tvbrdf_report(_PropertiesPanel, bpy.types.Panel):
-    bl_label = "Report"
-    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _has_report(material_of(context))
-
-    def draw(self, context: bpy.types.Context) -> None:
-        _draw_report(self.layout, context)
-
-
 class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "MATERIAL_PT_tvbrdf_age"
@@ -309,9 +281,7 @@ class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
 
 CLASSES = (
     NODE_PT_tvbrdf_age,
-    NODE_PT_tvbrdf_report,
     NODE_PT_tvbrdf_advanced,
     MATERIAL_PT_tvbrdf_age,
-    MATERIAL_PT_tvbrdf_report,
     MATERIAL_PT_tvbrdf_advanced,
 )
