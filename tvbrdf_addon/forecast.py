@@ -168,7 +168,8 @@ def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
     seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)
     images = None
     if space.kind == "texture":
-        images = max((tuple(node.image.size) for node in space.images), key=max)[::-1]
+        width, height = max((node.image.size for node in space.images), key=max)
+        images = (height, width)
     return _Look(space.kind, images, seen.pixels, seen.why)
 
 

@@ -218,8 +218,11 @@ def _draw_report(
     usual = card.details["temporal_model"] if card is not None else None
     for sentence in filter(None, (report.change(usual), *report.sentences, settings.size_reason)):
         _paragraph(body, context, sentence, "DOT")
+    outcome = session.outcome()
+    said = outcome.sentences if outcome and outcome.material_uid == material.session_uid else ()
     for sentence in report.warnings:
-        _paragraph(body, context, sentence, "ERROR")
+        if sentence not in said:
+            _paragraph(body, context, sentence, "ERROR")
 
 
 class _SidebarPanel:

@@ -213,7 +213,7 @@ def _lookup(
         uv_map, matrix = found
     else:
         uv_map, matrix = "", straight
-    return uv_map, tuple(tuple(row[:2]) for row in matrix[:2])
+    return uv_map, ((matrix[0][0], matrix[0][1]), (matrix[1][0], matrix[1][1]))
 
 
 def _through(
