@@ -82,12 +82,13 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "size": [SIDE, SIDE],
         "quality": request.quality,
         "temporal_model": "affine",
-        "palette": 1,
+        "palette": 3,
         "fit_error": 0.0,
         "warnings": ["The stub paints flat colours."],
         "seconds": {"rollout": seconds},
         "peak_rss_mb": 10,
         "files": files,
+        "command": f"python -m model_runtime age --temporal-model {request.temporal_model}",
     }
     (beside / "aged.json").write_text(json.dumps(aged))
     shutil.rmtree(request.output, ignore_errors=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import cli, operators, panels, preferences, properties, session
+from . import cli, forecast, operators, panels, preferences, properties, session
 
 __all__ = ("CLASSES", "register", "unregister")
 
@@ -22,6 +22,7 @@ def register() -> None:
 def unregister() -> None:
     # The worker first: it must be gone before Blender replaces the extension's files.
     session.unregister()
+    forecast.unregister()
     cli.unregister()
     properties.unregister()
     for cls in reversed(CLASSES):

@@ -24,6 +24,7 @@ from .operators import find_material
 __all__ = ("main", "register", "unregister")
 
 NAME = "age_material"
+AUTOMATIC = "auto"
 
 _command: object | None = None
 
@@ -59,6 +60,8 @@ def _age(material: bpy.types.Material) -> bool:
         # One material's trouble must not keep the others from being aged.
         traceback.print_exc()
         return False
+    if run.size_reason:
+        print(f"{name}: {run.size_reason}")
     print(f"{name}: {run.aged['frames']} frames in {run.plan.folder}", flush=True)
     return True
 
@@ -82,8 +85,12 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
         settings.onset, settings.onset_image = "image", str(Path(arguments.onset).absolute())
     if arguments.output is not None:
         settings.output = _file_path(arguments.output)
+    if arguments.size == AUTOMATIC:
+        settings.use_camera_size = True
+    elif arguments.size is not None:
+        settings.size = arguments.size
     for name in (
-        "steps", "size", "quality", "tolerance", "temporal_model", "seed", "format", "specular"
+        "steps", "quality", "tolerance", "temporal_model", "seed", "format", "specular"
     ):  # fmt: skip
         if (value := getattr(arguments, name)) is not None:
             setattr(settings, name, value)
@@ -139,7 +146,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--steps", type=_whole(1), metavar="N", help="frames to model (36)")
     parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
     parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
-    parser.add_argument("--size", type=_whole(16, 8192), metavar="PX", help="baked size (1024)")
+    parser.add_argument(
+        "--size", type=_size, metavar="auto|PX", help="longer side; auto: what the cameras see"
+    )
     parser.add_argument("--tolerance", type=_decibels, metavar="DB", help="10 to 100 dB (45)")
     parser.add_argument("--onset", metavar="auto|none|IMAGE", help="where ageing starts (auto)")
     parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the onset (0)")
@@ -174,6 +183,10 @@ def _whole(least: int, most: int | None = None):
         return value
 
     return whole
+
+
+def _size(text: str) -> int | str:
+    return text if text == AUTOMATIC else _whole(16, 8192)(text)
 
 
 def _decibels(text: str) -> float:

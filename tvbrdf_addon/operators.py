@@ -10,6 +10,7 @@ import bpy
 from ..model_runtime.errors import TvbrdfError
 from . import session
 from .errors import SettingsError
+from .forecast import is_worth_a_preview
 from .material.freeze import freeze
 from .material.revert import is_aged, revert
 from .run import Run, why_not
@@ -125,7 +126,8 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
-            self._run = session.begin(*self.target(context))
+            material, scene = self.target(context)
+            self._run = session.begin(material, scene, preview=is_worth_a_preview(material, scene))
         except TvbrdfError as error:
             return self.refuse(error)
         manager = context.window_manager

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import textwrap
+from pathlib import Path
 from typing import ClassVar
 
 import bpy
 
 from . import properties, session
+from .estimate import LONG_SECONDS, in_bytes, in_time
+from .forecast import forecast
 from .material.revert import is_aged
 from .operators import material_of
+from .report import report_in
 from .run import Run, why_not
 
 __all__ = ("CLASSES",)
@@ -61,6 +65,7 @@ def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     else:
         _draw_action(layout, context, material)
         _draw_outcome(layout, context, material)
+        _draw_report(layout, context, material)
 
 
 def _draw_model(
@@ -94,7 +99,9 @@ def _draw_range(
 def _draw_detail(layout: bpy.types.UILayout, material: bpy.types.Material) -> None:
     settings = material.tvbrdf
     column = layout.column()
-    column.prop(settings, "size")
+    column.prop(settings, "use_camera_size")
+    if not settings.use_camera_size:
+        column.prop(settings, "size")
     column.prop(settings, "quality")
     column.prop(settings, "output")
 
@@ -107,14 +114,32 @@ def _draw_action(
     row.scale_y = 1.5
     text = "Age Again from the Original" if aged else "Age Material"
     row.operator("tvbrdf.age_material", text=text)
+    # Below the button: what comes and goes must not move it under the mouse.
     if reason := why_not(material, context.scene):
         _paragraph(layout, context, reason, "ERROR")
+    else:
+        _draw_forecast(layout, context, material)
     if aged:
         row = layout.row(align=True)
         row.operator("tvbrdf.revert", icon="LOOP_BACK")
         row.operator(
             "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
         )
+
+
+def _draw_forecast(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    if (expected := forecast(material, context.scene)) is None:
+        return
+    seconds, balanced = expected.estimate.seconds, expected.balanced.seconds
+    said = f"About {in_time(seconds)}, {in_bytes(expected.estimate.bytes)}."
+    if material.tvbrdf.quality == "exact" and seconds > max(LONG_SECONDS, 2 * balanced):
+        texels = expected.size[0] * expected.size[1]
+        said += f" Exact models each of {texels:,} texels; Balanced takes {in_time(balanced)}."
+    _paragraph(layout, context, said, "TIME" if seconds < LONG_SECONDS else "ERROR")
+    if expected.why:
+        _paragraph(layout, context, expected.why, "CAMERA_DATA")
 
 
 def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
@@ -128,6 +153,8 @@ def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
     left = "" if run.seconds_left is None else f"  {_time_left(run.seconds_left)}"
     column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}{left}")
     column.label(text=f"{run.stage}…")
+    if run.previewing:
+        column.label(text="Play: a preview is shown", icon="PLAY")
     row = layout.row()
     row.enabled = not run.cancel_requested
     row.operator(
@@ -173,6 +200,29 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     box = column.box()
     chosen = next(item for item in properties.FORMATS if item[0] == settings.format)
     _paragraph(box, context, chosen[2])
+
+
+def _draw_report(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    settings = material.tvbrdf
+    folder = Path(bpy.path.abspath(settings.folder)) if settings.folder else None
+    report = report_in(folder) if folder is not None and is_aged(material) else None
+    if report is None:
+        return
+    header, body = layout.panel("tvbrdf_report", default_closed=True)
+    header.label(text="Report")
+    if body is None:
+        return
+    card = properties.card_named(report.ntm)
+    usual = card.details["temporal_model"] if card is not None else None
+    for sentence in filter(None, (report.change(usual), *report.sentences, settings.size_reason)):
+        _paragraph(body, context, sentence, "DOT")
+    outcome = session.outcome()
+    said = outcome.sentences if outcome and outcome.material_uid == material.session_uid else ()
+    for sentence in report.warnings:
+        if sentence not in said:
+            _paragraph(body, context, sentence, "ERROR")
 
 
 class _SidebarPanel:

@@ -11,7 +11,7 @@ import bpy
 from ..model_runtime import package
 from .worker import Launch
 
-__all__ = ("CLASSES", "launch", "model_folders")
+__all__ = ("CLASSES", "launch", "model_folders", "user_file")
 
 # The extension's own module, `bl_ext.<repository>.tvbrdf`.
 EXTENSION = __package__.rpartition(".")[0]
@@ -73,6 +73,15 @@ def launch() -> Launch:
         interpreter=bpy.path.abspath(preferences.worker_python) if preferences else "",
         idle_minutes=preferences.idle_minutes if preferences else IDLE_MINUTES,
     )
+
+
+def user_file(name: str) -> Path | None:
+    """A file that outlives updates of the extension; None where there is no place for one."""
+    try:
+        folder = bpy.utils.extension_path_user(EXTENSION, create=True)
+    except ValueError:  # registered without being installed, as in tests
+        return None
+    return Path(folder) / name if folder else None
 
 
 def _preferences() -> TVBRDF_AP_preferences | None:

@@ -11,7 +11,16 @@ import bpy
 from ..model_runtime import package
 from . import preferences
 
-__all__ = ("CLASSES", "OWN_FILE", "card_of", "frame_range", "model_file", "register", "unregister")
+__all__ = (
+    "CLASSES",
+    "OWN_FILE",
+    "card_named",
+    "card_of",
+    "frame_range",
+    "model_file",
+    "register",
+    "unregister",
+)
 
 # Blender 4.5 and later want to be told that a path may begin with `//`; earlier ones never ask.
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()
@@ -20,9 +29,14 @@ RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else se
 OWN_FILE = "file"
 
 QUALITIES = (
-    ("draft", "Draft", "Quick look: fewest distinct texels are modelled"),
-    ("balanced", "Balanced", "Models as little as the tolerance allows"),
-    ("exact", "Exact", "Models every texel with every sample and leaves nothing out. Slow"),
+    ("draft", "Draft", "A quick look, not checked: few distinct materials are modelled"),
+    ("balanced", "Balanced", "Models as little as the tolerance allows, and checks that it does"),
+    (
+        "exact",
+        "Exact",
+        "Models every texel with every sample and leaves nothing out: for comparisons. Can take "
+        "hours; the estimate above the button says so before you start",
+    ),
 )
 TEMPORAL_MODELS = (
     ("auto", "Automatic", "The simplest model that the source sequence supports"),
@@ -98,6 +112,10 @@ def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) ->
     self.use_scene_range = False
 
 
+def _leave_camera_size(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
+    self.use_camera_size = False
+
+
 class TVBRDF_PG_material(bpy.types.PropertyGroup):
     """How a material is aged, and what it was before."""
 
@@ -137,13 +155,22 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         min=1,
         soft_max=250,
     )
+    use_camera_size: bpy.props.BoolProperty(
+        name="Size from Cameras",
+        description=(
+            "Make the textures as large as the cameras of the scene can see over the frame range, "
+            "and never larger than the material's own images"
+        ),
+        default=True,
+    )
     size: bpy.props.IntProperty(
         name="Size",
-        description="Longer side, in pixels, of textures that have to be baked",
+        description="Longer side of the textures; images are never enlarged",
         default=1024,
         min=16,
         max=8192,
         subtype="PIXEL",
+        update=_leave_camera_size,
     )
     quality: bpy.props.EnumProperty(
         name="Quality",
@@ -206,11 +233,19 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="What Revert restores, as JSON; empty while the material is not aged",
         options={"HIDDEN"},
     )
+    is_preview: bpy.props.BoolProperty(
+        description="Whether what is shown is the preview of a run that goes on",
+        options={"HIDDEN"},
+    )
     folder: bpy.props.StringProperty(
         name="Result",
         description="Folder with the textures of the last run",
         subtype="DIR_PATH",
         options={"HIDDEN"} | RELATIVE,
+    )
+    size_reason: bpy.props.StringProperty(
+        description="Why the textures of the last run have their size; empty where it was chosen",
+        options={"HIDDEN"},
     )
 
 
@@ -224,7 +259,12 @@ def frame_range(material: bpy.types.Material, scene: bpy.types.Scene) -> tuple[i
 
 def card_of(settings: TVBRDF_PG_material) -> package.ModelCard | None:
     """The card of the chosen model; None where it is a file of the user's or no longer there."""
-    return _list_models().cards.get(settings.ntm)
+    return card_named(settings.ntm)
+
+
+def card_named(name: str) -> package.ModelCard | None:
+    """The card of a model that can be chosen; None where there is none called that."""
+    return _list_models().cards.get(name)
 
 
 def model_file(settings: TVBRDF_PG_material) -> Path | None:

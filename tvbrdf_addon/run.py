@@ -15,33 +15,37 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from . import output, properties
+from . import forecast, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
+from .material.revert import is_aged, revert
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
 
 if TYPE_CHECKING:
     from .material.read import Reading
 
-__all__ = ("Plan", "Run", "object_with", "plan", "why_not")
+__all__ = ("Plan", "Run", "object_with", "plan", "take_preview_back", "why_not")
 
 # Until this much is done and this much time has passed, time left would be a guess.
 GUESS_FRACTION, GUESS_SECONDS = 0.05, 2.0
+# Longer side of a preview's textures; without images of twice that it would show little less.
+PREVIEW_SIZE = 128
 
 
 @dataclass(frozen=True)
 class Plan:
     """Everything that a run needs to know, so that the panel may be changed meanwhile.
 
-    `request` is what the worker is asked for, without the input.
+    `size` is None where the cameras decide.  `request` is what the worker is asked for, without the
+    input.
     """
 
     material_uid: int
     material_name: str
     object_uid: int | None
     scene_uid: int
-    size: int
+    size: int | None
     frame_start: int
     frame_end: int
     folder: Path
@@ -70,7 +74,7 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
         material_name=material.name,
         object_uid=obj.session_uid if obj is not None else None,
         scene_uid=scene.session_uid,
-        size=settings.size,
+        size=None if settings.use_camera_size else settings.size,
         frame_start=frame_start,
         frame_end=frame_end,
         folder=output.free_folder(parent, material.name, _folders_in_use(material)),
@@ -162,12 +166,18 @@ class Run:
 
     `stage`, `fraction` (0 to 1) and `seconds_left` are for the eye; `warnings` and, at its end,
     `aged` (the content of `aged.json`) for the report; `ended_by` says what ended it from outside.
+
+    With `preview`, a material that is not aged yet shows a small draft as soon as there is one
+    (`previewing`), until the result comes; without a result it goes back to what it was.
     """
 
-    def __init__(self, plan: Plan, worker: Worker) -> None:
+    def __init__(self, plan: Plan, worker: Worker, *, preview: bool = False) -> None:
         self.plan = plan
+        self.previewing = False
+        self._preview = preview
         self.stage = "Reading the material"
         self.fraction = 0.0
+        self.size_reason = ""
         self.warnings: list[str] = []
         self.aged: dict[str, Any] = {}
         self.cancel_requested = False
@@ -222,8 +232,14 @@ class Run:
         with tempfile.TemporaryDirectory(prefix="tvbrdf-", ignore_cleanup_errors=True) as job:
             reading = self._read(Path(job))
             yield
-            yield from self._compute(Path(job), reading)
-        self._bind(reading)
+            try:
+                if self._preview and reading.textures.pixels > 2 * PREVIEW_SIZE:
+                    yield from self._show_preview(Path(job), reading)
+                yield from self._compute(Path(job), reading)
+                self._bind(reading)
+            except BaseException:
+                self._take_preview_back()
+                raise
 
     def _read(self, folder: Path) -> Reading:
         # Only now: numpy, which it needs, has no part in drawing a panel.
@@ -242,11 +258,45 @@ class Run:
             frame=self.plan.frame_start,
         )
         self.warnings.extend(reading.warnings)
+        self.size_reason = reading.textures.why
         return reading
+
+    def _show_preview(self, folder: Path, reading: Reading) -> Iterator[None]:
+        from .material.bind import bind
+
+        if is_aged(self._material()):
+            return  # what it shows says more
+        self.stage = "Making a preview"
+        # Not beside the result, but as long as Blender lives: an undo may bring it back.
+        place = Path(bpy.app.tempdir) / f"preview-{self.plan.material_uid}"
+        request = self.plan.request | {
+            "input": str(folder),
+            "output": str(place),
+            "size": PREVIEW_SIZE,
+            "quality": "draft",
+        }
+        for _ in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
+            self._material()
+            yield
+        material = self._material()
+        bind(
+            material=material,
+            reading=reading,
+            folder=place,
+            frame_start=self.plan.frame_start,
+            frame_end=self.plan.frame_end,
+        )
+        material.tvbrdf.is_preview = self.previewing = True
+
+    def _take_preview_back(self) -> None:
+        self.previewing = False
+        material = _by_uid(bpy.data.materials, self.plan.material_uid)
+        if material is not None:
+            take_preview_back(material)
 
     def _compute(self, folder: Path, reading: Reading) -> Iterator[None]:
         self.stage = "Starting the worker"
-        size = self.plan.size if reading.uniform else max(reading.size)
+        size = reading.textures.pixels if reading.uniform else max(reading.size)
         request = self.plan.request | {
             "input": str(folder),
             "output": str(self.plan.folder),
@@ -287,8 +337,11 @@ class Run:
                 frame_end=self.plan.frame_end,
             )
         )
+        material.tvbrdf.is_preview = self.previewing = False
         folder = str(self.plan.folder)
         material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder
+        material.tvbrdf.size_reason = self.size_reason
+        forecast.learn(self.aged, self.plan.folder)
 
     def _material(self) -> bpy.types.Material:
         material = _by_uid(bpy.data.materials, self.plan.material_uid)
@@ -298,6 +351,13 @@ class Run:
                 "Undo the deletion and press Age Material again.",
             )
         return material
+
+
+def take_preview_back(material: bpy.types.Material) -> None:
+    """Let a material that shows a preview be what it was before."""
+    if material.tvbrdf.is_preview:
+        material.tvbrdf.is_preview = False
+        revert(material)
 
 
 def _by_uid(collection: Any, uid: int | None) -> Any:

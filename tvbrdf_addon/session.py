@@ -10,7 +10,7 @@ from bpy.app.handlers import persistent
 
 from . import preferences
 from .errors import SettingsError
-from .run import Run, plan
+from .run import Run, plan, take_preview_back
 from .worker import Worker
 
 __all__ = (
@@ -57,8 +57,10 @@ def outcome() -> Outcome | None:
     return _outcome
 
 
-def begin(material: bpy.types.Material, scene: bpy.types.Scene) -> Run:
+def begin(material: bpy.types.Material, scene: bpy.types.Scene, *, preview: bool = False) -> Run:
     """A run that ages `material`, to be stepped until it ends and then given to `finish`.
+
+    With `preview` it first shows a small draft, for somebody who watches.
 
     Raises:
         SettingsError: another run goes on.
@@ -69,7 +71,7 @@ def begin(material: bpy.types.Material, scene: bpy.types.Scene) -> Run:
         raise SettingsError(
             f"{_current.plan.material_name} is being aged.", "Wait for it to end, or cancel it."
         )
-    _current = Run(plan(material, scene), _warm_worker())
+    _current = Run(plan(material, scene), _warm_worker(), preview=preview)
     return _current
 
 
@@ -145,12 +147,20 @@ def _on_load(_file: object) -> None:
         _current.end("Ageing ended, because another file was opened.")
 
 
+@persistent
+def _on_save(_file: object) -> None:
+    # The files of a preview are gone tomorrow.
+    for material in bpy.data.materials:
+        take_preview_back(material)
+
+
 def _handlers() -> tuple[tuple[list, object], ...]:
     handlers = bpy.app.handlers
     return (
         (handlers.undo_post, _on_undo),
         (handlers.redo_post, _on_undo),
         (handlers.load_pre, _on_load),
+        (handlers.save_pre, _on_save),
     )
 
 

@@ -84,6 +84,22 @@ def test_what_was_asked_for_is_kept_in_the_material(folder: Path):
     assert (kept.onset, kept.format, kept.specular) == ("none", "as-authored", "mono")
 
 
+def test_the_size_that_the_cameras_see_is_said(folder: Path, capfd):
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.type, camera.data.ortho_scale, camera.location.z = "ORTHO", 2.0, 3.0
+    bpy.context.scene.collection.objects.link(camera)
+    bpy.context.scene.render.resolution_x = bpy.context.scene.render.resolution_y = 128
+    steel = bpy.data.materials["Steel"]
+    steel.tvbrdf.size = 100
+    words = ["--material", "Steel", "--ntm", "rust", "--frames", "1-20", "--steps", "4"]
+    assert main([*words, "--size", "auto"]) == 0
+    assert "Steel: 256 px is all the cameras see." in capfd.readouterr().out
+    assert steel.tvbrdf.size_reason == "256 px is all the cameras see."
+    assert main([*words, "--size", "32"]) == 0
+    assert "the cameras see" not in capfd.readouterr().out
+    assert (steel.tvbrdf.use_camera_size, steel.tvbrdf.size) == (False, 32)
+
+
 def test_one_failure_does_not_keep_the_others_but_is_the_exit_code(folder: Path, capfd):
     bpy.data.materials["Steel"].node_tree.nodes.clear()
     words = ["--material", "Steel", "--material", "Oak", *USUAL, "--save-as", "aged.blend"]
@@ -125,6 +141,7 @@ def test_what_is_not_there_is_said_before_any_work(
         ["--material", "Steel", *USUAL, "--quality", "best"],
         ["--material", "Steel", *USUAL, "--tolerance", "lots"],
         ["--material", "Steel", *USUAL, "--surprise"],
+        ["--material", "Steel", *USUAL, "--size", "large"],
     ],
 )
 def test_wrong_usage(folder: Path, words: list[str]):

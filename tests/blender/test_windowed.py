@@ -47,7 +47,7 @@ def test_panel_is_drawn_and_clicked(tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stdout
-    for shot in ("panel", "progress", "aged", "properties"):
+    for shot in ("panel", "exact", "preview", "progress", "aged", "properties"):
         assert (tmp_path / f"{shot}.png").stat().st_size > 10_000
 
 

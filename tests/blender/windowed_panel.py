@@ -5,8 +5,9 @@ At the end the command, as only Blender's own program dispatches it.
     windowed-blender windowed_panel.py EXCHANGE_FOLDER EXTENSION.zip
 
 The exchange folder must hold `stub_worker.py` and, in `site-packages`, numpy for Python 3.13.
-Leaves `panel.png` (before), `progress.png`, `aged.png` and `properties.png` there.  Clicks go to
-real pixels: buttons are found by giving them a colour that nothing else has.
+Leaves `panel.png` (before), `exact.png` (its warning), `preview.png`, `progress.png`, `aged.png`
+and `properties.png` there.  Clicks go to real pixels: buttons are found by giving them a colour
+that nothing else has.
 """
 
 from __future__ import annotations
@@ -52,7 +53,6 @@ def build_scene() -> None:
     noise = tree.nodes.new("ShaderNodeTexNoise")
     noise.location = (-300, 200)
     tree.links.new(noise.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
-    steel.tvbrdf.size = 64
     steel.tvbrdf.steps = 12
     bpy.context.scene.frame_end = 100
     bpy.ops.wm.save_as_mainfile(filepath=str(EXCHANGE / "scene.blend"))
@@ -160,7 +160,7 @@ def start() -> Steps:
             break
         # A click that falls into a moment of work, such as that after a deletion, is lost.
         yield 1.0
-    yield from until(lambda: session().current().fraction > 0.1)
+    yield from until(lambda: session().current().fraction > 0.1, 60)
 
 
 def ended() -> bool:
@@ -186,6 +186,20 @@ def ages_and_undoes() -> Steps:
     yield from key("ctrl+shift+z")
     assert is_aged()
     # Age again, Revert, Freeze: the second button.
+    yield from press(1)
+    assert not is_aged(), "Revert"
+
+
+def shows_a_preview() -> Steps:
+    settings = material().tvbrdf
+    settings.size, settings.steps = 640, 40
+    yield DRAWN
+    yield from start()
+    assert settings.is_preview and is_aged()
+    shoot("preview")
+    yield from until(ended)
+    assert is_aged() and not settings.is_preview
+    settings.size, settings.steps = 64, 12
     yield from press(1)
     assert not is_aged(), "Revert"
 
@@ -295,9 +309,17 @@ def everything() -> Steps:
     show_panel()
     yield DRAWN
     choose_tab()
-    yield DRAWN
+    # Until it has looked through the camera.
+    yield 3 * DRAWN
     shoot("panel")
+    settings = material().tvbrdf
+    settings.quality, settings.temporal_model = "exact", "lstm_latents"
+    redraw()
+    yield DRAWN
+    shoot("exact")
+    settings.quality, settings.temporal_model, settings.size = "balanced", "auto", 64
     yield from ages_and_undoes()
+    yield from shows_a_preview()
     yield from cancels()
     yield from survives_renaming()
     yield from ends_on_undo()

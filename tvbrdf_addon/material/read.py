@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import MaterialError
 from ..properties import frame_range
 from .bake import Target, bake_sockets
+from .cameras import FULL, TextureSize, all_the_cameras_see
 from .check import why_not
 from .ownership import user_count
 from .pixels import LUMINANCE, Array, linear_color, resampled, write_exr
@@ -31,11 +32,13 @@ _VIEW_OUTPUTS = ("Incoming", "Camera", "Window", "Reflection", "Parametric", "Ba
 class Reading:
     """What was read.  `size` is (height, width), (1, 1) where every map is one texel.
 
+    `textures` is the size of what is made of the maps, textures also where they are one texel.
     `uv_map` names the UV map that the maps were baked to (None: they are not in UV space), and
     `sampling` says how textures made from them are looked up.  `warnings` are sentences.
     """
 
     size: tuple[int, int]
+    textures: TextureSize
     uniform: bool
     uv_map: str | None
     warnings: tuple[str, ...]
@@ -48,16 +51,18 @@ def read(
     obj: bpy.types.Object | None,
     scene: bpy.types.Scene,
     folder: Path,
-    size: int,
+    size: int | None,
     frame: int | None = None,
 ) -> Reading:
     """Writes `BaseColor.exr`, `Metallic.exr`, ... (float, linear; 1 x 1 where constant).
 
-    `folder` must exist.  `size` in pixels is used where something has to be baked.  What is
-    animated is read at `frame`, by default the first of the material's range.  A material that is
-    already aged is read as it was before.  Raises `MaterialError`.
+    `folder` must exist.  `size` is the maps' longer side in pixels, and None as much as the cameras
+    see; images are never enlarged.  What is animated is read at `frame`, by default the first of
+    the material's range.  A material that is already aged is read as it was before.  Raises
+    `MaterialError`.
     """
-    frame = frame_range(material, scene)[0] if frame is None else frame
+    frames = frame_range(material, scene)
+    frame = frames[0] if frame is None else frame
     with _original(material) as copy:
         reason = why_not(copy, obj, owner=material)
         if reason:
@@ -79,7 +84,13 @@ def read(
             if space.kind == "texture" and is_direct(socket)
         ]
         uniform = space.kind == "uniform"
-        shape = _shape(space, direct, size)
+        if size is None:
+            depsgraph = bpy.context.evaluated_depsgraph_get()
+            textures = all_the_cameras_see(material, space, scene, frames, depsgraph=depsgraph)
+        else:
+            textures = TextureSize(size, "")
+        whole = _whole(space, direct, max(textures.pixels, FULL) if size is None else size)
+        shape = _shrunk(whole, textures.pixels)
         for name, socket in sockets.items():
             if name not in maps and direct and is_direct(socket):
                 pixels = _image_map(socket)
@@ -87,12 +98,13 @@ def read(
                     maps[name] = resampled(pixels, shape)
         rest = [name for name in sockets if name not in maps]
         sampling = Sampling.of(space.images[0]) if space.kind == "texture" else Sampling()
-        uv_map = active_uv_map(obj) if space.kind == "uv" else None
+        uv_map = active_uv_map(obj.data) if space.kind == "uv" else None
         if rest:
-            warnings += _bake(maps, rest, copy, material, obj, uv_map, shape, frame)
+            warnings += _bake(maps, rest, copy, material, obj, uv_map, whole, frame)
+            maps |= {name: resampled(maps[name], shape) for name in rest}
     for name, pixels in maps.items():
         write_exr(folder / f"{name}.exr", _bounded(name, pixels))
-    return Reading(shape, uniform, uv_map, tuple(warnings), sampling)
+    return Reading(shape, textures, uniform, uv_map, tuple(warnings), sampling)
 
 
 @contextmanager
@@ -110,18 +122,24 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
             bpy.data.actions.remove(action)
 
 
-def _shape(space: Space, direct: list[bpy.types.ShaderNodeTexImage], size: int) -> tuple[int, int]:
-    """The maps' size: that of the largest image read as it is, else the size that was asked for."""
+def _whole(space: Space, direct: list[bpy.types.ShaderNodeTexImage], size: int) -> tuple[int, int]:
+    """The size at which nothing is lost: that of the largest image, read as it is if there is one.
+
+    Where no image sets it, `size`.
+    """
     if space.kind == "uniform":
         return (1, 1)
     if space.kind == "uv":
         return (size, size)
     sizes = [tuple(node.image.size) for node in direct or space.images]
     width, height = max(sizes, key=lambda each: each[0] * each[1])
-    if direct:
-        return height, width
-    longer = max(width, height)
-    return max(1, round(size * height / longer)), max(1, round(size * width / longer))
+    return height, width
+
+
+def _shrunk(whole: tuple[int, int], longer: int) -> tuple[int, int]:
+    share = min(1.0, longer / max(whole))
+    height, width = (max(1, round(length * share)) for length in whole)
+    return height, width
 
 
 def _constant(socket: bpy.types.NodeSocket, frame: int) -> Array:

@@ -1,0 +1,95 @@
+"""What the panel says before the click: size, time and disk, and what it learns from runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+import pytest
+
+from tests.blender.material_cases import add, link, new_material, plane, view_from_above
+from tvbrdf.tvbrdf_addon import forecast as module
+from tvbrdf.tvbrdf_addon.estimate import Rates, Work
+from tvbrdf.tvbrdf_addon.forecast import Forecast, forecast, learn
+
+pytestmark = pytest.mark.usefixtures("empty_scene")
+
+
+@pytest.fixture
+def paint() -> bpy.types.Material:
+    """Paint with an image of 1024 x 512 on a plane that 256 pixels see from above."""
+    material = new_material()
+    node = add(material, "ShaderNodeTexImage", image=bpy.data.images.new("image", 1024, 512))
+    link(material, node.outputs["Color"], "Base Color")
+    plane(material)
+    view_from_above()
+    scene = bpy.context.scene
+    scene.render.resolution_x = scene.render.resolution_y = 256
+    bpy.context.evaluated_depsgraph_get()
+    return material
+
+
+def looked(material: bpy.types.Material) -> Forecast | None:
+    """The forecast after the timer, which does not run without a window."""
+    forecast(material, bpy.context.scene)
+    module._look_in_time()
+    return forecast(material, bpy.context.scene)
+
+
+def test_nothing_is_said_before_anything_was_looked_at(paint):
+    assert forecast(paint, bpy.context.scene) is None
+
+
+def test_size_time_and_disk(paint):
+    paint.tvbrdf.steps, paint.tvbrdf.temporal_model = 10, "affine"
+    expected = looked(paint)
+    assert expected.size == (256, 512)
+    assert expected.why == "512 px is all the cameras see on this frame, of 1024 in the images."
+    assert expected.estimate == Rates().of(Work(256 * 512, 10, "balanced", "affine"))
+
+
+def test_a_size_of_ones_own_and_never_more_than_the_images(paint):
+    looked(paint)
+    paint.tvbrdf.size = 128
+    assert forecast(paint, bpy.context.scene).size == (64, 128)
+    assert forecast(paint, bpy.context.scene).why == ""
+    paint.tvbrdf.size = 4096
+    assert forecast(paint, bpy.context.scene).size == (512, 1024)
+
+
+def test_exact_takes_as_long_as_it_takes(paint):
+    looked(paint)
+    paint.tvbrdf.quality, paint.tvbrdf.temporal_model = "exact", "lstm_latents"
+    expected = forecast(paint, bpy.context.scene)
+    assert expected.estimate.seconds > 3600 > expected.balanced.seconds
+
+
+def test_a_uniform_material_without_a_pattern_needs_one_texel():
+    material = new_material()
+    material.tvbrdf.onset = "none"
+    bpy.context.evaluated_depsgraph_get()
+    assert looked(material).size == (1, 1)
+
+
+def test_a_material_that_cannot_be_read_has_no_forecast(paint):
+    paint.node_tree.nodes.clear()
+    assert looked(paint) is None
+
+
+def test_runs_are_learned_from_and_kept(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(module.preferences, "user_file", lambda name: tmp_path / name)
+    result = tmp_path / "Paint"
+    result.mkdir()
+    (result / "base_color_0001.exr").write_bytes(b"0" * 1000)
+    aged = {
+        "size": [1024, 1024],
+        "frames": 36,
+        "quality": "draft",
+        "temporal_model": "affine",
+        "seconds": {"read": 1.0, "onset": 1.0, "model": 1.0, "write": 100.0},
+    }
+    learn(aged, result)
+    kept = json.loads((tmp_path / "rates.json").read_text())
+    assert kept["write"] == pytest.approx((100 / (36 * 1024**2) + Rates().write) / 2)
+    assert Rates.load(tmp_path / "rates.json") == module._rates

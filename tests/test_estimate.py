@@ -1,0 +1,93 @@
+"""What a run will take: the formula, learning from runs, and saying it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tvbrdf.tvbrdf_addon.estimate import Rates, Work, in_bytes, in_time
+
+BALANCED = Work(texels=1024 * 1024, frames=36, quality="balanced", temporal_model="affine")
+
+
+def report(work: Work, **seconds: float) -> dict:
+    stages = {"read": 0.4, "onset": 0.1, "model": 0.5, "write": 5.0} | seconds
+    return {
+        "size": [1024, work.texels // 1024],
+        "frames": work.frames,
+        "quality": work.quality,
+        "temporal_model": work.temporal_model,
+        "seconds": stages,
+    }
+
+
+def test_time_and_disk_grow_with_frames_and_texels():
+    rates = Rates(overhead=0.0)
+    once = rates.of(BALANCED)
+    twice = rates.of(Work(BALANCED.texels, 72, "balanced", "affine"))
+    assert twice.bytes == pytest.approx(2 * once.bytes)
+    assert once.seconds < twice.seconds <= 2 * once.seconds
+
+
+def test_exact_through_latents_takes_hours():
+    """0.05 s a texel: measured at 8 x 8 texels."""
+    exact = Work(1024 * 1024, 36, "exact", "lstm_latents")
+    assert in_time(Rates().of(exact).seconds) == "15 hours"
+    assert in_time(Rates().of(BALANCED).seconds) == "25 s"
+
+
+def test_runs_are_learned_from():
+    rates, took = Rates(), {"read": 1.0, "onset": 0.5, "model": 4.0, "write": 60.0}
+    for _ in range(8):
+        rates = rates.after(report(BALANCED, **took), stored=400_000_000)
+    assert rates.of(BALANCED).seconds == pytest.approx(sum(took.values()), rel=0.02)
+    assert rates.of(BALANCED).bytes == pytest.approx(400e6, rel=0.02)
+    draft = Work(BALANCED.texels, 36, "draft", "affine")
+    assert rates.model[draft.kind] == Rates().model[draft.kind], "of drafts nothing was learned"
+
+
+def test_a_short_run_says_nothing_of_writing():
+    small = Work(1024 * 16, 2, "balanced", "affine")
+    learned = Rates().after(report(small), stored=10_000_000)
+    assert (learned.write, learned.stored) == (Rates().write, Rates().stored)
+
+
+def test_rates_are_kept(tmp_path: Path):
+    rates = Rates().after(report(BALANCED), stored=200_000_000)
+    rates.save(tmp_path / "rates.json")
+    assert Rates.load(tmp_path / "rates.json") == rates
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"write": "fast"}', '{"model": 3}', '{"x": 1}'])
+def test_a_broken_file_of_rates_is_forgotten(tmp_path: Path, text: str):
+    (tmp_path / "rates.json").write_text(text)
+    assert Rates.load(tmp_path / "rates.json") == Rates()
+    assert Rates.load(tmp_path / "none.json") == Rates.load(None) == Rates()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (0.2, "1 s"),
+        (8.4, "8 s"),
+        (23, "25 s"),
+        (88, "90 s"),
+        (100, "2 min"),
+        (1300, "20 min"),
+        (5500, "2 hours"),
+        (52000, "15 hours"),
+        (500_000, "6 days"),
+        (40_000_000, "450 days"),
+    ],
+)
+def test_time_is_said_no_finer_than_a_guess(seconds: float, said: str):
+    assert in_time(seconds) == said
+
+
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [(1e5, "1 MB"), (8.3e6, "8 MB"), (312e6, "300 MB"), (1.26e9, "1.3 GB"), (24e9, "25 GB")],
+)
+def test_disk_use_is_rounded(count: float, said: str):
+    assert in_bytes(count) == said

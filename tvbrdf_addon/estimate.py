@@ -1,0 +1,152 @@
+"""What a run will take, from what the last ones took on this machine.  Imports no bpy.
+
+    seconds = overhead + model * (texels where every texel is modelled, else 1)
+              + write * frames * texels
+    bytes = stored * frames * texels
+
+`model` is one number for each quality and kind of temporal model (through latents or not).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+__all__ = ("LONG_SECONDS", "Estimate", "Rates", "Work", "in_bytes", "in_time")
+
+# What is worth a warning before the click.
+LONG_SECONDS = 600.0
+
+# How much the latest run counts against all earlier ones.
+_NEWS = 0.5
+# Below this many texels of all frames a run is too short to time its writing by.
+_TELLING = 1_000_000
+
+
+@dataclass(frozen=True)
+class Work:
+    """What is asked for: `texels` a frame, `frames` frames, and how they are modelled."""
+
+    texels: int
+    frames: int
+    quality: str
+    temporal_model: str
+
+    @property
+    def kind(self) -> str:
+        """The name of its modelling rate."""
+        through = "latents" if self.temporal_model == "lstm_latents" else "parameters"
+        return f"{self.quality} {through}"
+
+    @property
+    def modelled(self) -> int:
+        """What its modelling rate is multiplied by."""
+        return self.texels if self.quality == "exact" else 1
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Probable `seconds` and `bytes` on disk."""
+
+    seconds: float
+    bytes: float
+
+
+def _first_model_rates() -> dict[str, float]:
+    return {
+        "draft parameters": 0.1,
+        "draft latents": 0.5,
+        "balanced parameters": 0.5,
+        "balanced latents": 4.0,
+        "exact parameters": 1e-4,
+        "exact latents": 0.05,
+    }
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Seconds and bytes on this machine; by default those of two cores of 2020, idle."""
+
+    overhead: float = 1.0
+    write: float = 6e-7
+    stored: float = 6.5
+    model: Mapping[str, float] = field(default_factory=_first_model_rates)
+
+    @classmethod
+    def load(cls, path: Path | None) -> Rates:
+        """The rates kept in `path`; the first ones where there is no such file, or a broken one."""
+        try:
+            kept = json.loads(path.read_text(encoding="utf-8")) if path else {}
+            rates = cls(**{**kept, "model": _first_model_rates() | kept.get("model", {})})
+            rates.of(Work(1, 1, "balanced", "affine"))
+        except (OSError, ValueError, TypeError, AttributeError):
+            return cls()
+        return rates
+
+    def save(self, path: Path) -> None:
+        path.write_text(json.dumps(asdict(self), indent=1), encoding="utf-8")
+
+    def of(self, work: Work) -> Estimate:
+        """What `work` will probably take."""
+        written = work.texels * work.frames
+        modelling = self.model[work.kind] * work.modelled
+        return Estimate(
+            seconds=self.overhead + modelling + self.write * written,
+            bytes=self.stored * written,
+        )
+
+    def after(self, aged: Mapping[str, Any], stored: int) -> Rates:
+        """The rates after a run with the report `aged` (`aged.json`) that left `stored` bytes."""
+        height, width = aged["size"]
+        work = Work(height * width, aged["frames"], aged["quality"], aged["temporal_model"])
+        seconds, written = aged["seconds"], work.texels * work.frames
+        if not {"read", "onset", "model", "write"} <= seconds.keys():
+            return self
+        model = _blend(self.model[work.kind], seconds["model"] / work.modelled)
+        known = replace(
+            self,
+            overhead=_blend(self.overhead, seconds["read"] + seconds["onset"]),
+            model={**self.model, work.kind: model},
+        )
+        if written < _TELLING:
+            return known
+        return replace(
+            known,
+            write=_blend(self.write, seconds["write"] / written),
+            stored=_blend(self.stored, stored / written),
+        )
+
+
+def _blend(old: float, new: float) -> float:
+    return (1 - _NEWS) * old + _NEWS * new
+
+
+def in_time(seconds: float) -> str:
+    """`seconds` as one says it: no finer than a guess can be."""
+    for size, one, many in ((86400, "day", "days"), (3600, "hour", "hours"), (60, "min", "min")):
+        if seconds >= 1.5 * size:
+            count = _round(seconds / size)
+            return f"{count:,.0f} {one if count == 1 else many}"
+    return f"{max(1.0, _round(seconds)):.0f} s"
+
+
+def in_bytes(count: float) -> str:
+    """`count` bytes as one says it."""
+    for size, unit in ((1e12, "TB"), (1e9, "GB")):
+        if count >= size:
+            tenths = f"{count / size:.1f}" if count < 10 * size else f"{_round(count / size):.0f}"
+            return f"{tenths} {unit}"
+    return f"{max(1.0, _round(count / 1e6)):.0f} MB"
+
+
+def _round(value: float) -> float:
+    """Whole below 10, to fives below 100, to tens and so on above."""
+    if value < 10:
+        return round(value)
+    step = 5.0
+    while value >= 20 * step:
+        step *= 10
+    return round(value / step) * step

@@ -1,0 +1,199 @@
+"""What a click will take, for the panel: looked up while nothing else happens, not while drawing.
+
+Drawing asks; a timer then looks through the cameras on the frame that is shown, and draws again
+where that says something new.  A run itself looks at the whole frame range.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from . import preferences, properties
+from .estimate import Estimate, Rates, Work
+from .material.revert import is_aged
+from .material.space import Space, choose_space
+from .material.trace import find_principled
+from .report import report_in
+
+__all__ = ("Forecast", "forecast", "is_worth_a_preview", "learn", "unregister")
+
+# Seconds between two looks, at least; and how many times as long as a look took.
+PAUSE, SHARE = 1.0, 20.0
+RATES = "rates.json"
+
+# A preview delays the result by a second or two.
+PREVIEW_SECONDS = 5.0
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is probable: `size` (height, width) of the textures and why (a sentence or nothing),
+    time and disk use, and those of quality Balanced.
+    """
+
+    size: tuple[int, int]
+    why: str
+    estimate: Estimate
+    balanced: Estimate
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What was seen of a material: how its maps are made, its images' size, what cameras see."""
+
+    kind: str
+    images: tuple[int, int] | None
+    seen: int
+    why: str
+
+
+_looks: dict[tuple[int, int], _Look] = {}
+_wanted: tuple[int, int] | None = None
+_next_look = 0.0
+_rates: Rates | None = None
+
+
+def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast | None:
+    """What ageing `material` will take; None until it has been looked at, soon after."""
+    uids = (material.session_uid, scene.session_uid)
+    _ask(uids)
+    settings = material.tvbrdf
+    if is_aged(material):
+        # Its nodes are ours now: what counts is what it was, and that is what was aged.
+        report = report_in(Path(bpy.path.abspath(settings.folder))) if settings.folder else None
+        if report is None:
+            return None
+        size, why = report.size, ""
+        if not settings.use_camera_size:
+            size = _scaled(size, settings.size)
+    elif (look := _looks.get(uids)) is not None:
+        size, why = _size(settings, look)
+    else:
+        return None
+    work = Work(size[0] * size[1], settings.steps, settings.quality, _temporal_model(settings))
+    rates = _kept_rates()
+    return Forecast(size, why, rates.of(work), rates.of(replace(work, quality="balanced")))
+
+
+def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> bool:
+    """Whether ageing `material` takes so long that a preview before it is welcome."""
+    expected = forecast(material, scene)
+    return expected is not None and expected.estimate.seconds > PREVIEW_SECONDS
+
+
+def learn(aged: Mapping[str, Any], folder: Path) -> None:
+    """Remember what the run took whose report is `aged` and whose files lie in `folder`."""
+    global _rates
+    stored = sum(path.stat().st_size for path in folder.iterdir())
+    _rates = _kept_rates().after(aged, stored)
+    if (path := preferences.user_file(RATES)) is not None:
+        _rates.save(path)
+
+
+def _kept_rates() -> Rates:
+    global _rates
+    if _rates is None:
+        _rates = Rates.load(preferences.user_file(RATES))
+    return _rates
+
+
+def _temporal_model(settings: properties.TVBRDF_PG_material) -> str:
+    if settings.temporal_model != "auto":
+        return settings.temporal_model
+    card = properties.card_of(settings)
+    # Of an unknown model the slowest is to be expected.
+    return card.details["temporal_model"] if card is not None else "lstm_latents"
+
+
+def _size(settings: properties.TVBRDF_PG_material, look: _Look) -> tuple[tuple[int, int], str]:
+    longer, why = (look.seen, look.why) if settings.use_camera_size else (settings.size, "")
+    if look.kind == "uniform" and settings.onset == "none":
+        return (1, 1), ""
+    if look.images is None:
+        return (longer, longer), why
+    return _scaled(look.images, min(longer, max(look.images))), why
+
+
+def _scaled(size: tuple[int, int], longer: int) -> tuple[int, int]:
+    height, width = (max(1, round(length * longer / max(size))) for length in size)
+    return height, width
+
+
+def _ask(uids: tuple[int, int]) -> None:
+    global _wanted
+    _wanted = uids
+    if not bpy.app.background and not bpy.app.timers.is_registered(_look_in_time):
+        wait = 0.0 if uids not in _looks else max(0.1, _next_look - time.monotonic())
+        bpy.app.timers.register(_look_in_time, first_interval=wait)
+
+
+def _look_in_time() -> None:
+    global _next_look
+    windows = bpy.context.window_manager.windows
+    if _wanted is None or any(window.screen.is_animation_playing for window in windows):
+        return
+    started = time.monotonic()
+    material = _by_uid(bpy.data.materials, _wanted[0])
+    scene = _by_uid(bpy.data.scenes, _wanted[1])
+    if material is None or scene is None or is_aged(material):
+        return
+    look = _look(material, scene)
+    ended = time.monotonic()
+    _next_look = ended + max(PAUSE, SHARE * (ended - started))
+    if look is None or look == _looks.get(_wanted):
+        return
+    _looks[_wanted] = look
+    for window in windows:
+        for area in window.screen.areas:
+            if area.type in {"NODE_EDITOR", "PROPERTIES"}:
+                area.tag_redraw()
+
+
+def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
+    """None where the material cannot be aged as it is."""
+    # Only now: numpy, which it needs, has no part in drawing a panel.
+    from .material.cameras import all_the_cameras_see
+
+    space = _space(material)
+    layers = (layer.depsgraph for layer in scene.view_layers)
+    depsgraph = next((each for each in layers if each is not None), None)
+    if space is None or depsgraph is None:
+        return None
+    seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)
+    images = None
+    if space.kind == "texture":
+        width, height = max((node.image.size for node in space.images), key=max)
+        images = (height, width)
+    return _Look(space.kind, images, seen.pixels, seen.why)
+
+
+def _space(material: bpy.types.Material) -> Space | None:
+    if material.node_tree is None:
+        return None
+    try:
+        _, principled = find_principled(material)
+    except LookupError:
+        return None
+    if principled is None or principled.type != "BSDF_PRINCIPLED":
+        return None
+    space = choose_space(principled)
+    broken = any(node.image is None or min(node.image.size) == 0 for node in space.images)
+    return None if broken else space
+
+
+def _by_uid(collection: Any, uid: int) -> Any:
+    return next((block for block in collection if block.session_uid == uid), None)
+
+
+def unregister() -> None:
+    global _rates
+    if bpy.app.timers.is_registered(_look_in_time):
+        bpy.app.timers.unregister(_look_in_time)
+    _looks.clear()
+    _rates = None
