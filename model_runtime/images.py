@@ -20,7 +20,7 @@ from PIL import Image, ImageFile
 from .errors import InputError, OutputError
 from .maps import Halves, Pixels
 
-__all__ = ("EXTENSIONS", "Compression", "MAX_SIDE", "read_image", "resize", "write_exr")
+__all__ = ("EXTENSIONS", "MAX_SIDE", "Compression", "read_image", "resize", "write_exr")
 
 MAX_SIDE = 16384
 _PILLOW = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF"}

@@ -119,7 +119,7 @@ class FrameMaps:
         return planes
 
     def _fill(self, planes: Tensor, band: _Band, states: Pixels) -> None:
-        """Put the maps of the first k texels of `band`, aged to `states` [7, k], in their places."""
+        """Put the maps of the first k texels of `band`, aged to `states` [7, k], into `planes`."""
         k = states.shape[1]
         order = band.order[:k]
         channels = iter(planes[:, band.place])
@@ -128,7 +128,7 @@ class FrameMaps:
                 next(channels).index_copy_(0, order, plane)
 
     def _converted(self, states: Pixels, authored: PrincipledMaps | None) -> tuple[Pixels, ...]:
-        """The maps of texels of `states` [7, k], in the order of `_CHANNELS`: [k, 1, 3] or [k, 1]."""
+        """The maps of `states` [7, k] in the order of `_CHANNELS`: [k, 1, 3] or [k, 1] each."""
         maps = _torrance_sparrow(states)
         if self.format == "torrance-sparrow":
             return maps.kd, maps.ks, maps.alpha

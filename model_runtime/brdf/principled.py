@@ -115,7 +115,8 @@ class _Texels:
 
     def f0_per_level(self) -> Pixels:
         """[1, n]: F0 that Specular IOR Level 1 means, before the tint."""
-        return np.square((self.ior - 1) / (self.ior + 1)) * 2
+        ratio = (self.ior - 1) / (self.ior + 1)
+        return ratio * ratio * 2
 
     def forward(self) -> tuple[Pixels, Pixels]:
         """(Kd, Ks), each [3, n]."""
@@ -161,8 +162,8 @@ class _Texels:
         Ks = m B + q F T. Across T (in the plane perpendicular to it) F drops out and leaves
         Ks = m (Kd + Ks), which gives m; along T they give F = ((ks + kd) q - kd) / q^2, which must
         lie in 0 to its largest value F1. F >= 0 is q >= kd / (ks + kd); F <= F1 holds outside the
-        roots of F1 q^2 - (ks + kd) q + kd. B up to its largest value B1 needs q >= Kd / B1,
-        and B >= 0 needs q F T <= Ks.
+        roots of F1 q^2 - (ks + kd) q + kd. B up to its largest value B1 needs q >= Kd / B1 and,
+        where that leaves q = 0, Ks <= B1. B >= 0 needs q F T <= Ks.
         """
         kd, ks = np.maximum(kd, 0), np.maximum(ks, 0)
         scratch = np.empty_like(kd)
@@ -194,16 +195,20 @@ class _Texels:
         root += along
         least = 1 - 2 * kd_along / root
         other = 1 - root / (2 * most_f0)
-        gap = np.flatnonzero((metallic > other) & (metallic < least))
-        if len(gap):
-            # a root at 0 may come out a rounding error below it
-            m, least, other = metallic[0, gap], least[0, gap], other[0, gap]
-            down = (other > -1e-6) & (m - other < least - m)
-            metallic[0, gap] = np.where(down, other, least)
         most_base = np.maximum(self.base, 1)
         most = ks_along / along
         most[along <= 0] = 1
         np.minimum(most, 1 - _largest(np.divide(kd, most_base, out=scratch)), out=most)
+        # a full metal has Ks in its base colour alone
+        beyond = (most == 1) & (_largest(np.subtract(ks, most_base, out=scratch)) > 0)
+        np.minimum(most, other, out=most, where=beyond)
+        np.minimum(metallic, most, out=metallic)
+        gap = np.flatnonzero((metallic > other) & (metallic < least))
+        if len(gap):
+            m, above, below = metallic[0, gap], least[0, gap], other[0, gap]
+            # a root at 0 may come out a rounding error below it
+            down = (below > -1e-6) & ((m - below < above - m) | (above > most[0, gap]))
+            metallic[0, gap] = np.where(down, below, above)
         np.clip(np.minimum(metallic, most, out=metallic), 0, 1, out=metallic)
 
         q = 1 - metallic
