@@ -25,7 +25,7 @@ from .brdf.measured import MeasuredBRDF
 from .compose import AgedTexels
 from .errors import Cancelled, InputError
 from .histories import Histories, fit_measured, roll_out
-from .images import read_image, resize
+from .images import Compression, read_image, resize
 from .inputs import Material, hash_file, hash_input, read_input
 from .maps import PrincipledMaps, TorranceSparrowMaps
 from .onset import onset_map, rate_map
@@ -77,19 +77,20 @@ class Reporter(Protocol):
 
 @dataclass(frozen=True)
 class _Effort:
-    """What a quality means: width of a palette's cells, most entries, and samples for the encoder
-    where it is not to take a short cut from the parameters.
+    """What a quality means: width of a palette's cells, most entries, samples for the encoder where
+    it is not to take a short cut from the parameters, and what is spent on making files small.
     """
 
     step: float
     most: int
     samples: int | None
+    compression: Compression
 
 
 _EFFORTS = {
-    "draft": _Effort(step=0.12, most=256, samples=None),
-    "balanced": _Effort(step=0.05, most=2048, samples=None),
-    "exact": _Effort(step=0.0, most=0, samples=16_200),
+    "draft": _Effort(step=0.12, most=256, samples=None, compression="none"),
+    "balanced": _Effort(step=0.05, most=2048, samples=None, compression="zip"),
+    "exact": _Effort(step=0.0, most=0, samples=16_200, compression="zip"),
 }
 
 
@@ -174,7 +175,8 @@ def _age(run: _Run) -> dict[str, Any]:
     wanted = request.format or (
         "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
     )
-    with StagedResult(request.output) as staged:
+    compression = _EFFORTS[request.quality].compression
+    with StagedResult(request.output, compression=compression) as staged:
         with run.timed("write"):
             maps = maps_of(aged, material, size, wanted, times)
             if maps.format != wanted:

@@ -10,6 +10,7 @@ import io
 import os
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import OpenEXR
@@ -17,9 +18,9 @@ import torch
 from PIL import Image, ImageFile
 
 from .errors import InputError, OutputError
-from .maps import Pixels
+from .maps import Halves, Pixels
 
-__all__ = ("EXTENSIONS", "MAX_SIDE", "read_image", "resize", "write_exr")
+__all__ = ("EXTENSIONS", "MAX_SIDE", "Compression", "read_image", "resize", "write_exr")
 
 MAX_SIDE = 16384
 _PILLOW = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF"}
@@ -38,10 +39,11 @@ _HINT = "Save it again as JPEG, PNG, TIFF or OpenEXR."
 _HALF_MAX = 65504.0
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
-# Measured with the four maps of an aged painted metal, 1024 x 1024, on one core: PIZ is written in
-# 101 ms, read in 43 and takes 3.2 MB, ZIP 137, 43 and 5.8 MB, none 29, 18 and 12.6 MB. Blender's
-# Cycles shows the next frame after 53, 45 and 31 ms: a quarter of the disk is worth 22 ms a frame.
-_COMPRESSION = OpenEXR.PIZ_COMPRESSION
+Compression = Literal["none", "zip"]
+# Measured with the four maps of 12 aged materials, 1024 x 1024, on one busy core: ZIP is written in
+# 113 ms, read in 32 and takes 6.4 MB; PIZ 147, 45 and 6.5 MB; RLE 42, 29 and 9.0 MB; none 17, 11
+# and 12.6 MB. Newer ways (ZSTD, HTJ2K) cannot be read by Blender 4.2.
+_COMPRESSIONS = {"none": OpenEXR.NO_COMPRESSION, "zip": OpenEXR.ZIP_COMPRESSION}
 
 
 def read_image(path: str | Path, *, color: bool) -> Pixels:
@@ -84,21 +86,28 @@ def _read(path: Path, *, decode: bool) -> Pixels:
     return _read_exr(path) if extension == ".exr" else _read_integer(path, decode=decode)
 
 
-def write_exr(path: str | Path, pixels: Pixels) -> None:
-    """Write [H, W] as channel Y or [H, W, 3] as R, G, B: half floats, lossless PIZ.
+def write_exr(
+    path: str | Path, pixels: Pixels | Halves, *, compression: Compression = "zip"
+) -> None:
+    """Write [H, W] as channel Y or [H, W, 3] as R, G, B: half floats, lossless.
 
     The file appears whole or not at all: it is written beside and renamed. Values beyond the range
     of half floats (65504) are clamped to it. Raises OutputError where the file cannot be written.
     """
     assert pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3), pixels.shape
-    whole = np.require(pixels, np.float32, ("C", "W"))
-    # torch rounds to half floats six times as fast as numpy, and to the same ones.
-    half = torch.from_numpy(whole).half().clamp_(-_HALF_MAX, _HALF_MAX).numpy()
-    header = {"compression": _COMPRESSION, "type": OpenEXR.scanlineimage}
-    channels = {"Y" if half.ndim == 2 else "RGB": half}
+    planes = [pixels] if pixels.ndim == 2 else np.moveaxis(pixels, -1, 0)
+    names = "Y" if pixels.ndim == 2 else "RGB"
+    channels = {name: _half(plane) for name, plane in zip(names, planes, strict=True)}
+    header = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage}
     content = io.BytesIO()
     OpenEXR.File(header, channels, num_threads=0).write(content)
     _write_whole(Path(path), content.getbuffer())
+
+
+def _half(plane: Pixels | Halves) -> Halves:
+    # torch rounds to half floats six times as fast as numpy, and to the same ones.
+    whole = torch.from_numpy(np.require(plane, requirements=("C", "W")))
+    return whole.half().clamp(-_HALF_MAX, _HALF_MAX).numpy()
 
 
 def resize(pixels: Pixels, size: tuple[int, int]) -> Pixels:

@@ -182,7 +182,7 @@ def _principled(maps: Mapping[str, Pixels]) -> PrincipledMaps:
         if name in maps:
             return maps[name]
         shape = base_color.shape if name in _COLORS else base_color.shape[:2]
-        return np.full(shape, _DEFAULTS[name], np.float32)
+        return np.broadcast_to(np.float32(_DEFAULTS[name]), shape)
 
     return PrincipledMaps(
         base_color=base_color,

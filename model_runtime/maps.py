@@ -1,19 +1,23 @@
 """Materials as maps: what travels between reading, ageing and writing.
 
-Every map is a contiguous float32 array whose row 0 is the top row; all maps of a material have one
-size, and 1 x 1 means a uniform material. Colours are linear Rec.709.
+Every map is a float32 array whose row 0 is the top row; one value throughout may be a broadcast
+view. All maps of a material have one size, and 1 x 1 means a uniform material. Colours are linear
+Rec.709.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ("Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
+__all__ = ("Halves", "Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
 
 Pixels = NDArray[np.float32]
+Halves = NDArray[np.float16]
 
 
 class _SizedMaps:
@@ -31,6 +35,10 @@ class _SizedMaps:
         """(height, width) in texels."""
         first = getattr(self, fields(self)[0].name)  # type: ignore[arg-type]
         return first.shape[0], first.shape[1]
+
+    def map(self, change: Callable[[Pixels], Pixels]) -> Self:
+        """The same maps, each put through `change`."""
+        return type(self)(*(change(getattr(self, field.name)) for field in fields(self)))  # type: ignore[arg-type]
 
     @property
     def uniform(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -24,6 +25,9 @@ __all__ = (
     "viewing_angles",
 )
 
+_BAND = 1 << 15
+"""Texels sorted into cells at a time: few enough to stay in the cache."""
+
 
 @dataclass(frozen=True)
 class Palette:
@@ -43,19 +47,39 @@ def build_palette(parameters: Tensor, step: float, *, most: int) -> Palette:
     """
     if step == 0:
         return Palette(parameters, torch.arange(len(parameters)))
-    place = perceptual(parameters)
-    while True:
-        cells = (place / step + 0.5).floor().long()
-        key = torch.zeros(len(cells), dtype=torch.long)
-        for column in cells.unbind(1):
-            key = key * (int(column.max()) + 1) + column
-        _, index, count = torch.unique(key, return_inverse=True, return_counts=True)
-        if len(count) <= most:
-            break
+    largest, bands = parameters.amax(0, keepdim=True), parameters.split(_BAND)
+    while (found := _cells(bands, largest, step, most)) is None:
         step *= 1.25
-    total = torch.zeros(len(count), 7, dtype=torch.float64)
-    total.index_add_(0, index, parameters.double())
+    cells, index = found
+    total = torch.zeros(len(cells), 7, dtype=torch.float64)
+    count = torch.bincount(index, minlength=len(cells))
+    for band, rows in zip(bands, index.split(_BAND), strict=True):
+        total.index_add_(0, rows, band.double())
     return Palette((total / count[:, None]).float(), index)
+
+
+def _cells(
+    bands: Sequence[Tensor], largest: Tensor, step: float, most: int
+) -> tuple[Tensor, Tensor] | None:
+    """The occupied cells, as sorted numbers, and each texel's place among them; None where there
+    are more than `most`.
+    """
+    sides = (_grid(largest, step)[0] + 1).tolist()
+    cells, numbers = torch.empty(0, dtype=torch.long), []
+    for band in bands:
+        number = torch.zeros(len(band), dtype=torch.long)
+        for side, column in zip(sides, _grid(band, step).unbind(1), strict=True):
+            number = number * side + column
+        numbers.append(number)
+        cells = torch.cat((cells, number.unique())).unique()
+        if len(cells) > most:
+            return None
+    return cells, torch.cat([torch.searchsorted(cells, number) for number in numbers])
+
+
+def _grid(parameters: Tensor, step: float) -> Tensor:
+    """Whole coordinates [n, 7] of the cell that each texel lies in."""
+    return (perceptual(parameters) / step + 0.5).floor().long()
 
 
 def viewing_angles() -> Tensor:

@@ -14,8 +14,8 @@ from types import TracebackType
 from typing import Any
 
 from .errors import OutputError
-from .images import write_exr
-from .maps import Pixels
+from .images import Compression, write_exr
+from .maps import Halves, Pixels
 
 __all__ = ("REPORT", "StagedResult", "check_space")
 
@@ -23,8 +23,10 @@ REPORT = "aged.json"
 
 _FRAME = re.compile(r"[a-z_]+_[0-9]{4,}\.exr")
 _ABANDONED_SECONDS = 24 * 3600
-_WRITERS = 2
-_QUEUED = 8
+# OpenEXR holds the interpreter while it codes: one thread waits for the disk, and no more maps are
+# held back for it than half a frame has.
+_WRITERS = 1
+_QUEUED = 2
 
 
 def check_space(folder: Path, needed: int) -> None:
@@ -47,8 +49,9 @@ class StagedResult:
     context without it removes what was staged and leaves the earlier result as it was.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, compression: Compression = "zip") -> None:
         self.folder = folder.absolute()
+        self._compression: Compression = compression
         self._pending: list[Future[None]] = []
 
     def __enter__(self) -> StagedResult:
@@ -75,12 +78,15 @@ class StagedResult:
         self._pool.shutdown(cancel_futures=True)
         shutil.rmtree(self._staging, ignore_errors=True)
 
-    def write(self, name: str, pixels: Pixels) -> None:
+    def write(self, name: str, pixels: Pixels | Halves) -> None:
         """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or
         later.
         """
         self._settle(_QUEUED)
-        self._pending.append(self._pool.submit(write_exr, self._staging / name, pixels))
+        path = self._staging / name
+        self._pending.append(
+            self._pool.submit(write_exr, path, pixels, compression=self._compression)
+        )
 
     def finish(self) -> None:
         """Wait until everything queued is written."""

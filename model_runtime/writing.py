@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from .brdf import principled
-from .compose import AgedTexels
+from .compose import AgedBand, AgedTexels
 from .inputs import Material
-from .maps import Pixels, PrincipledMaps, TorranceSparrowMaps
+from .maps import Halves, Pixels, PrincipledMaps, TorranceSparrowMaps
 from .plan import Stored, stored_frames
 from .result import StagedResult
 
@@ -22,6 +25,24 @@ Format = Literal["torrance-sparrow", "principled", "principled-exact"]
 Mix = list[list[str | float]]
 
 _SAMPLE = 4096
+_BAND = 1 << 15
+"""Texels aged at a time, in whole rows of the image: what they need stays in the cache."""
+
+_CHANNELS: dict[Format, dict[str, int]] = {
+    "torrance-sparrow": {"kd": 3, "ks": 3, "alpha": 1},
+    "principled": {"base_color": 3, "metallic": 1, "specular": 1, "roughness": 1},
+    "principled-exact": {"base_color": 3, "specular_tint": 3, "roughness": 1},
+}
+
+
+@dataclass(frozen=True)
+class _Band:
+    """Some rows of the image, in the order in which their texels start (`AgedBand.order`)."""
+
+    place: slice
+    order: Tensor
+    texels: AgedBand
+    authored: PrincipledMaps | None
 
 
 @dataclass(frozen=True)
@@ -36,33 +57,25 @@ class FrameMaps:
     format: Format
     authored: PrincipledMaps | None
 
-    def at(self, time: float) -> dict[str, Pixels]:
-        """Every map at `time` in 0..1: name -> [H, W, 3] or [H, W]."""
-        maps = self.states_at(time)
-        if self.format == "torrance-sparrow":
-            return {"kd": maps.kd, "ks": maps.ks, "alpha": maps.alpha}
-        if self.format == "principled-exact":
-            return dict(
-                zip(
-                    ("base_color", "specular_tint", "roughness"),
-                    principled.exact(maps),
-                    strict=True,
-                )
-            )
-        assert self.authored is not None
-        back = principled.read_back(maps, self.authored)
-        return {
-            "base_color": back.base_color,
-            "metallic": back.metallic,
-            "specular": back.specular,
-            "roughness": back.roughness,
-        }
+    def at(self, time: float) -> dict[str, Halves]:
+        """Every map at `time` in 0..1: name -> [H, W, 3] or [H, W], rounded to half floats.
 
-    def states_at(self, time: float) -> TorranceSparrowMaps:
-        """The Torrance-Sparrow maps at `time`."""
-        states = self.aged.at(time).reshape(*self.size, 7).numpy()
-        kd, ks, alpha = states[..., :3], states[..., 3:6], states[..., 6]
-        return TorranceSparrowMaps(*(np.ascontiguousarray(pixels) for pixels in (kd, ks, alpha)))
+        A band is aged after the other, and of each only the texels that have started: the others
+        stay as they are in frame 1.
+        """
+        planes = self._first.clone()
+        for band in self._bands:
+            if band.texels.started(time):
+                self._fill(planes, band, band.texels.at(time))
+        return self._maps(planes)
+
+    def representable(self, time: float) -> bool:
+        """Whether "principled-exact" can hold every texel at `time`."""
+        return all(
+            principled.representable(_torrance_sparrow(band.texels.at(time)))
+            for band in self._bands
+            if band.texels.started(time)
+        )
 
     def sampled(self, seed: int) -> FrameMaps:
         """The same at `_SAMPLE` random texels, as an image one texel wide."""
@@ -71,14 +84,67 @@ class FrameMaps:
         rows = np.sort(rng.choice(count, min(count, _SAMPLE), replace=False))
         authored = None
         if self.authored is not None:
-            authored = PrincipledMaps(
-                **{
-                    name: np.ascontiguousarray(pixels.reshape(count, 1, *pixels.shape[2:])[rows])
-                    for name, pixels in vars(self.authored).items()
-                }
+            authored = self.authored.map(
+                lambda pixels: pixels.reshape(count, 1, *pixels.shape[2:])[rows]
             )
         aged = self.aged.select(torch.from_numpy(rows))
         return replace(self, aged=aged, size=(len(rows), 1), authored=authored)
+
+    @cached_property
+    def _bands(self) -> list[_Band]:
+        return list(self._cut())
+
+    def _cut(self) -> Iterator[_Band]:
+        height, width = self.size
+        rows = max(1, _BAND // width)
+        for row in range(0, height, rows):
+            place = slice(row * width, min(row + rows, height) * width)
+            texels = self.aged.band(place.start, place.stop)
+            authored = None
+            if self.authored is not None:
+                authored = self.authored.map(
+                    lambda pixels, row=row, order=texels.order: _ordered(
+                        pixels[row : row + rows], order
+                    )
+                )
+            yield _Band(place, torch.from_numpy(texels.order), texels, authored)
+
+    @cached_property
+    def _first(self) -> Tensor:
+        """Frame 1: every channel of every map, one after the other, [C, H W] halves."""
+        channels = sum(_CHANNELS[self.format].values())
+        planes = torch.empty(channels, self.size[0] * self.size[1], dtype=torch.half)
+        for band in self._bands:
+            self._fill(planes, band, band.texels.initial)
+        return planes
+
+    def _fill(self, planes: Tensor, band: _Band, states: Pixels) -> None:
+        """Put the maps of the first k texels of `band`, aged to `states` [7, k], into `planes`."""
+        k = states.shape[1]
+        order = band.order[:k]
+        channels = iter(planes[:, band.place])
+        for pixels in self._converted(states, band.authored):
+            for plane in torch.from_numpy(pixels.reshape(k, -1).T).half():
+                next(channels).index_copy_(0, order, plane)
+
+    def _converted(self, states: Pixels, authored: PrincipledMaps | None) -> tuple[Pixels, ...]:
+        """The maps of `states` [7, k] in the order of `_CHANNELS`: [k, 1, 3] or [k, 1] each."""
+        maps = _torrance_sparrow(states)
+        if self.format == "torrance-sparrow":
+            return maps.kd, maps.ks, maps.alpha
+        if self.format == "principled-exact":
+            return principled.exact(maps)
+        assert authored is not None
+        back = principled.read_back(maps, authored.map(lambda pixels: pixels[: states.shape[1]]))
+        return back.base_color, back.metallic, back.specular, back.roughness
+
+    def _maps(self, planes: Tensor) -> dict[str, Halves]:
+        maps, start = {}, 0
+        for name, channels in _CHANNELS[self.format].items():
+            pixels = planes[start : start + channels].numpy().reshape(channels, *self.size)
+            maps[name] = pixels[0] if channels == 1 else np.moveaxis(pixels, 0, -1)
+            start += channels
+        return maps
 
 
 def maps_of(
@@ -96,13 +162,14 @@ def maps_of(
     """
     maps = FrameMaps(aged, size, format, None)
     if format == "principled-exact":
-        if not all(principled.representable(maps.states_at(time)) for time in times):
+        if not all(maps.representable(time) for time in times):
             maps = replace(maps, format="torrance-sparrow")
     elif format == "principled":
         if isinstance(material, PrincipledMaps):
-            authored = _broadcast(material, size)
+            authored = material.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
         else:
-            authored = principled.read_back(maps.states_at(0.0), _neutral(size))
+            first = _torrance_sparrow(aged.initial.numpy().T, size)
+            authored = principled.read_back(first, _neutral(size))
         maps = replace(maps, authored=authored)
     return maps
 
@@ -140,7 +207,9 @@ def write_stored_frames(
     sample = maps.sampled(seed)
     looks = [sample.at(time) for time in times]
     stored: dict[str, Stored] = {
-        name: stored_frames(torch.from_numpy(np.stack([look[name] for look in looks])), tolerance)
+        name: stored_frames(
+            torch.from_numpy(np.stack([look[name] for look in looks])).float(), tolerance
+        )
         for name in looks[0]
     }
     for k, time in enumerate(times):
@@ -161,21 +230,30 @@ def file_name(map_name: str, k: int) -> str:
     return f"{map_name}_{k + 1:04d}.exr"
 
 
-def _broadcast(maps: PrincipledMaps, size: tuple[int, int]) -> PrincipledMaps:
-    if maps.size == size:
-        return maps
-    return PrincipledMaps(
-        **{
-            name: np.ascontiguousarray(np.broadcast_to(pixels, (*size, *pixels.shape[2:])))
-            for name, pixels in vars(maps).items()
-        }
-    )
+def _torrance_sparrow(states: Pixels, size: tuple[int, int] | None = None) -> TorranceSparrowMaps:
+    """Views of states [7, n] as maps of `size`, by default one texel wide."""
+    height, width = size or (states.shape[1], 1)
+    kd, ks = (rows.T.reshape(height, width, 3) for rows in (states[:3], states[3:6]))
+    return TorranceSparrowMaps(kd, ks, states[6].reshape(height, width))
+
+
+def _ordered(pixels: Pixels, order: NDArray[np.intp]) -> Pixels:
+    """Texels of [H, W, 3] or [H, W] in `order`, plane after plane: [H W, 1, 3] or [H W, 1].
+
+    One value throughout stays one value, broadcast: what is made of it is then made once.
+    """
+    texels = pixels.reshape(len(order), -1)
+    if (texels == texels[0]).all():
+        planes = np.broadcast_to(texels[0][:, None], texels.T.shape)
+    else:
+        planes = np.ascontiguousarray(texels.T).take(order, 1)
+    return planes.T.reshape(len(order), 1, *pixels.shape[2:])
 
 
 def _neutral(size: tuple[int, int]) -> PrincipledMaps:
     """Blender's default Principled material."""
 
     def full(value: float, *channels: int) -> Pixels:
-        return np.full((*size, *channels), value, np.float32)
+        return np.broadcast_to(np.float32(value), (*size, *channels))
 
     return PrincipledMaps(full(0.8, 3), full(0), full(0.5), full(0.5), full(1.5), full(1, 3))

@@ -41,9 +41,9 @@ def floats(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, 
     def aged(source: Path, output: Path, **options) -> dict[str, np.ndarray]:
         written: dict[str, np.ndarray] = {}
 
-        def keep(path: Path, pixels: np.ndarray) -> None:
+        def keep(path: Path, pixels: np.ndarray, **options) -> None:
             written[path.name] = pixels.copy()
-            write_exr(path, pixels)
+            write_exr(path, pixels, **options)
 
         monkeypatch.setattr(result, "write_exr", keep)
         run(source, output, **options)

@@ -185,6 +185,20 @@ def test_what_is_written_is_read_to_the_half(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == ["x.exr"]
 
 
+@pytest.mark.parametrize("channels", [(), (3,)])
+def test_halves_are_written_as_they_are_whatever_is_spent_on_size(tmp_path: Path, channels):
+    """Planes one after the other too, which is how frames are made."""
+    planes = np.random.default_rng(0).random((*channels, 40, 30)).astype(np.float16)
+    pixels = np.moveaxis(planes, 0, -1) if channels else planes
+    sizes = {}
+    for compression in ("none", "zip"):
+        path = tmp_path / f"{compression}.exr"
+        write_exr(path, pixels, compression=compression)
+        np.testing.assert_array_equal(read_image(path, color=bool(channels)), pixels)
+        sizes[compression] = path.stat().st_size
+    assert sizes["none"] > pixels.nbytes > 0.8 * sizes["zip"]
+
+
 def test_values_beyond_half_are_clamped(tmp_path: Path) -> None:
     write_exr(tmp_path / "x.exr", np.array([[1e9, -1e9]], np.float32))
     assert read_image(tmp_path / "x.exr", color=False).tolist() == [[65504, -65504]]

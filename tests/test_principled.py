@@ -190,6 +190,23 @@ def test_anything_else_stays_finite_and_in_range(
         assert ((value >= 0) & (value <= 1)).all()
 
 
+@pytest.mark.parametrize("grey", [0.0, 0.2, 0.5, 0.9])
+@pytest.mark.parametrize("level", [0.7, 0.9, 1.0])
+def test_what_no_metal_can_reflect_becomes_a_dielectric(level: float, grey: float) -> None:
+    # F0 above 1, as high an IOR as 17.94 gives: more than a base colour of 1 does.
+    authored = material([(1.0, 1.0, 1.0)], 1.0, 0.0, ior=17.94)
+    aged = principled.forward(material([(grey,) * 3], 0.0, level, ior=17.94))
+    found = principled.read_back(aged, authored)
+    assert_within_a_percent(principled.forward(found), aged)
+
+
+def test_a_tint_too_weak_to_be_a_float_limits_nothing() -> None:
+    tint = (0.0, 1.0, 1.2e-43)
+    authored = material([(1.0, 1.0, 1.0)], 0.0, 0.0, 0.0, 2.0, tint)
+    aged = principled.forward(material([(1.0, 1.0, 1.0)], 0.0, 0.5, 0.0, 2.0, tint))
+    assert_within_a_percent(principled.forward(principled.read_back(aged, authored)), aged)
+
+
 def test_a_level_authored_above_one_may_stay() -> None:
     authored = material([(0.3, 0.2, 0.1)], 0.0, 1.8)
     aged = principled.forward(material([(0.25, 0.2, 0.1)], 0.0, 1.7))

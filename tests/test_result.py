@@ -271,7 +271,7 @@ class TestWhatCannotBeWritten:
         write(folder, 2)
         before = contents(folder)
 
-        def refuse(path: Path, pixels: object) -> None:
+        def refuse(path: Path, pixels: object, **_: object) -> None:
             raise OutputError(
                 f"{path.name} cannot be written: No space left on device.", "Free it."
             )

@@ -11,11 +11,11 @@ and one metallic, to a free specular level, a tint, and a preference where sever
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import torch
-from torch import Tensor
+from numpy.typing import NDArray
 
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
@@ -24,9 +24,8 @@ __all__ = ("EXACT_F0", "exact", "forward", "read_back", "representable")
 EXACT_F0 = 0.8
 """F0 of IOR 17.94: with Specular Tint = Ks / 0.8 the node's Fresnel term is flat."""
 
-_CHUNK = 10_000
-"""Texels worked on at a time: their intermediate values stay in the cache, and torch, which shares
-tensors of more than 32,768 numbers out among threads, leaves the threads to the caller's frames."""
+_CHUNK = 1 << 15
+"""Texels worked on at a time: their intermediate values stay in the cache."""
 
 _PULL = 2e-4
 """How strongly the authored metallic is kept: at half this share of Kd or Ks at most."""
@@ -41,13 +40,13 @@ def forward(maps: PrincipledMaps) -> TorranceSparrowMaps:
     Ks = metallic base + (1 - metallic) F0, alpha = roughness^2.
     """
     height, width = maps.size
-    kd, ks = np.empty((2, height * width, 3), np.float32)
-    flat = _Texels.of(maps)
-    for chunk in flat.chunks():
-        part_kd, part_ks = flat[chunk].forward()
-        kd[chunk], ks[chunk] = part_kd.T, part_ks.T
-    shape = (height, width, 3)
-    return TorranceSparrowMaps(kd.reshape(shape), ks.reshape(shape), maps.roughness**2)
+    kd, ks = np.empty((2, 3, height * width), np.float32)
+    texels = _Texels.of(maps)
+    for part in _chunks(height * width):
+        kd[:, part], ks[:, part] = texels[part].forward()
+    return TorranceSparrowMaps(
+        _image(kd, maps.size), _image(ks, maps.size), np.square(maps.roughness)
+    )
 
 
 def read_back(aged: TorranceSparrowMaps, authored: PrincipledMaps) -> PrincipledMaps:
@@ -61,22 +60,18 @@ def read_back(aged: TorranceSparrowMaps, authored: PrincipledMaps) -> Principled
     up to there (base colour likewise).
     """
     assert aged.size == authored.size, f"{aged.size} is not {authored.size}"
-    flat = _Texels.of(authored)
-    base = _rows(authored.base_color).clone()
-    metallic, level = flat.metallic.clone(), flat.level.clone()
-    kd, ks = _rows(aged.kd), _rows(aged.ks)
-    for chunk in flat.chunks():
-        before_kd, before_ks = flat[chunk].forward()
-        changed = ((before_kd != kd[chunk].T) | (before_ks != ks[chunk].T)).any(0)
-        rows = changed.nonzero()[:, 0] + chunk.start
-        if len(rows):
-            solved = flat[rows].nearest(_channels(kd[rows]), _channels(ks[rows]))
-            base[rows], metallic[rows], level[rows] = solved[0].T, solved[1], solved[2]
+    count = aged.size[0] * aged.size[1]
+    base, metallic, level = (np.empty((channels, count), np.float32) for channels in (3, 1, 1))
+    texels, kd, ks = _Texels.of(authored), _planes(aged.kd), _planes(aged.ks)
+    with np.errstate(all="ignore"):
+        for part in _chunks(count):
+            found = texels[part].read_back(_cut(kd, part), _cut(ks, part))
+            base[:, part], metallic[:, part], level[:, part] = found
     return replace(
         authored,
-        base_color=base.numpy().reshape(authored.base_color.shape),
-        metallic=metallic.numpy().reshape(authored.size),
-        specular=level.numpy().reshape(authored.size),
+        base_color=_image(base, aged.size),
+        metallic=_image(metallic, aged.size),
+        specular=_image(level, aged.size),
         roughness=_roughness(aged.alpha, authored.roughness),
     )
 
@@ -99,107 +94,187 @@ def representable(aged: TorranceSparrowMaps) -> bool:
 
 
 class _Texels:
-    """Authored sockets of n texels, channels first: base and tint [3, n], the rest [n]."""
+    """Authored sockets of n texels, channels first: base and tint [3, n], the rest [1, n].
+
+    A socket that is one value for all of them has n = 1 and broadcasts.
+    """
 
     def __init__(
-        self, base: Tensor, metallic: Tensor, level: Tensor, ior: Tensor, tint: Tensor
+        self, base: Pixels, metallic: Pixels, level: Pixels, ior: Pixels, tint: Pixels
     ) -> None:
         self.base, self.metallic, self.level, self.ior, self.tint = base, metallic, level, ior, tint
 
     @staticmethod
     def of(maps: PrincipledMaps) -> _Texels:
-        return _Texels(
-            _channels(_rows(maps.base_color)),
-            torch.from_numpy(maps.metallic.reshape(-1)),
-            torch.from_numpy(maps.specular.reshape(-1)),
-            torch.from_numpy(maps.ior.reshape(-1)),
-            _channels(_rows(maps.specular_tint)),
-        )
+        sockets = (maps.base_color, maps.metallic, maps.specular, maps.ior, maps.specular_tint)
+        return _Texels(*(_collapsed(_planes(pixels)) for pixels in sockets))
 
-    def chunks(self):
-        for start in range(0, self.metallic.numel(), _CHUNK):
-            yield slice(start, start + _CHUNK)
+    def __getitem__(self, part: slice) -> _Texels:
+        sockets = (self.base, self.metallic, self.level, self.ior, self.tint)
+        return _Texels(*(_cut(planes, part) for planes in sockets))
 
-    def __getitem__(self, chunk: slice | Tensor) -> _Texels:
-        return _Texels(
-            self.base[:, chunk].contiguous(),
-            self.metallic[chunk],
-            self.level[chunk],
-            self.ior[chunk],
-            self.tint[:, chunk].contiguous(),
-        )
+    def f0_per_level(self) -> Pixels:
+        """[1, n]: F0 that Specular IOR Level 1 means, before the tint."""
+        ratio = (self.ior - 1) / (self.ior + 1)
+        return ratio * ratio * 2
 
-    def f0_per_level(self) -> Tensor:
-        """[n]: F0 that Specular IOR Level 1 means, before the tint."""
-        return ((self.ior - 1) / (self.ior + 1)).square() * 2
-
-    def forward(self) -> tuple[Tensor, Tensor]:
+    def forward(self) -> tuple[Pixels, Pixels]:
         """(Kd, Ks), each [3, n]."""
         dielectric = 1 - self.metallic
-        f0 = self.f0_per_level() * self.level * self.tint
-        return self.base * dielectric, self.base * self.metallic + f0 * dielectric
+        ks = self.f0_per_level() * self.level * self.tint * dielectric
+        return self.base * dielectric, self.base * self.metallic + ks
 
-    def nearest(self, kd: Tensor, ks: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """(base [3, n], metallic [n], level [n]) for aged kd, ks [3, n].
+    def read_back(self, kd: Pixels, ks: Pixels) -> tuple[Pixels, Pixels, Pixels]:
+        """(base [3, n], metallic [1, n], level [1, n]): `nearest` where kd or ks [3, n] differs
+        from `forward`, else the authored ones.
+        """
+        authored = self.base, self.metallic, self.level
+        changed = self._changed(kd, ks)
+        if not changed.any():
+            return authored
+        solved = self.nearest(kd, ks)
+        if changed.all():
+            return solved
+        base, metallic, level = (
+            np.where(changed, new, old) for new, old in zip(solved, authored, strict=True)
+        )
+        return base, metallic, level
+
+    def _changed(self, kd: Pixels, ks: Pixels) -> NDArray[np.bool_]:
+        """[1, n]: which texels' kd or ks [3, n] are not those of `forward`, to the bit."""
+        changed = np.zeros((1, kd.shape[1]), np.bool_)
+        for c in range(3):
+            channel = slice(c, c + 1)
+            one = _Texels(
+                self.base[channel], self.metallic, self.level, self.ior, self.tint[channel]
+            )
+            before_kd, before_ks = one.forward()
+            changed |= before_ks != ks[channel]
+            changed |= before_kd != kd[channel]
+            if changed.all():  # nearly always after one channel
+                break
+        return changed
+
+    def nearest(self, kd: Pixels, ks: Pixels) -> tuple[Pixels, Pixels, Pixels]:
+        """(base [3, n], metallic [1, n], level [1, n]) for aged kd, ks [3, n].
 
         With q = 1 - m and F = F0's strength along the tint T, the equations are Kd = q B and
         Ks = m B + q F T. Across T (in the plane perpendicular to it) F drops out and leaves
         Ks = m (Kd + Ks), which gives m; along T they give F = ((ks + kd) q - kd) / q^2, which must
         lie in 0 to its largest value F1. F >= 0 is q >= kd / (ks + kd); F <= F1 holds outside the
-        roots of F1 q^2 - (ks + kd) q + kd. B up to its largest value B1 needs q >= Kd / B1,
-        and B >= 0 needs q F T <= Ks.
+        roots of F1 q^2 - (ks + kd) q + kd. B up to its largest value B1 needs q >= Kd / B1 and,
+        where that leaves q = 0, Ks <= B1. B >= 0 needs q F T <= Ks.
         """
-        kd, ks = kd.clamp_min(0), ks.clamp_min(0)
+        kd, ks = np.maximum(kd, 0), np.maximum(ks, 0)
+        scratch = np.empty_like(kd)
 
-        tint2 = self.tint.square().sum(0)
+        tint2 = _sum(np.square(self.tint))
         tinted = tint2 > _TINY
-        tint = torch.where(tinted, self.tint, 1)
-        tint2 = torch.where(tinted, tint2, 3)
-        per_level = torch.where(tinted, self.f0_per_level(), 0)
-        most_level = self.level.clamp_min(1)
+        tint = np.where(tinted, self.tint, np.float32(1))
+        tint2 = np.where(tinted, tint2, np.float32(3))
+        per_level = np.where(tinted, self.f0_per_level(), np.float32(0))
+        most_level = np.maximum(self.level, 1)
         most_f0 = per_level * most_level
 
-        both = kd + ks
-        kd_along = (kd * tint).sum(0) / tint2
-        ks_along = (ks * tint).sum(0) / tint2
+        kd_along = _sum(np.multiply(kd, tint, out=scratch))
+        kd_along /= tint2
+        ks_along = _sum(np.multiply(ks, tint, out=scratch))
+        ks_along /= tint2
         along = kd_along + ks_along
-        across = both - along * tint
-        pull = (torch.minimum(kd_along, ks_along) * _PULL).square() + (along * 1e-6).square()
-        pull = pull + _TINY
-        agreement = ((ks - ks_along * tint) * across).sum(0)
-        metallic = (agreement + pull * self.metallic) / (across.square().sum(0) + pull)
+        across = kd + ks
+        across -= np.multiply(along, tint, out=scratch)
+        pull = np.square(np.minimum(kd_along, ks_along) * _PULL)
+        pull += np.square(along * 1e-6)
+        pull += _TINY
+        np.subtract(ks, np.multiply(ks_along, tint, out=scratch), out=scratch)
+        metallic = _sum(np.multiply(scratch, across, out=scratch))
+        metallic += pull * self.metallic
+        metallic /= _sum(np.square(across, out=across)) + pull
 
-        root = (along.square() - 4 * most_f0 * kd_along).sqrt()  # NaN: every q keeps F <= F1
-        least = 1 - 2 * kd_along / (along + root)
-        other = 1 - (along + root) / (2 * most_f0)
-        gap = (metallic > other) & (metallic < least)
-        # a root at 0 may come out a rounding error below it
-        nearer = torch.where((other > -1e-6) & (metallic - other < least - metallic), other, least)
-        metallic = torch.where(gap, nearer, metallic)
-        most_base = self.base.clamp_min(1)
-        most = torch.where(along > 0, ks_along / along, 1)
-        most = torch.minimum(most, 1 - (kd / most_base).amax(0))
-        metallic = torch.minimum(metallic, most).clamp(0, 1)
+        root = np.sqrt(np.square(along) - 4 * most_f0 * kd_along)  # NaN: every q keeps F <= F1
+        root += along
+        least = 1 - 2 * kd_along / root
+        other = 1 - root / (2 * most_f0)
+        most_base = np.maximum(self.base, 1)
+        most = ks_along / along
+        most[along <= 0] = 1
+        np.minimum(most, 1 - _largest(np.divide(kd, most_base, out=scratch)), out=most)
+        # a full metal has Ks in its base colour alone
+        beyond = (most == 1) & (_largest(np.subtract(ks, most_base, out=scratch)) > 0)
+        np.minimum(most, other, out=most, where=beyond)
+        np.minimum(metallic, most, out=metallic)
+        gap = np.flatnonzero((metallic > other) & (metallic < least))
+        if len(gap):
+            m, above, below = metallic[0, gap], least[0, gap], other[0, gap]
+            # a root at 0 may come out a rounding error below it
+            down = (below > -1e-6) & ((m - below < above - m) | (above > most[0, gap]))
+            metallic[0, gap] = np.where(down, below, above)
+        np.clip(np.minimum(metallic, most, out=metallic), 0, 1, out=metallic)
 
         q = 1 - metallic
-        f0 = (along * q - kd_along) / q.square()
-        share = torch.where(tint > 0, ks / tint, math.inf).amin(0) / q
-        f0 = torch.minimum(torch.minimum(f0, share).nan_to_num(0).clamp_min(0), most_f0)
-        base = (q * kd + metallic * (ks - q * f0 * tint)) / (q.square() + metallic.square())
-        base = torch.minimum(base.clamp_min(0), most_base)
+        f0 = along * q
+        f0 -= kd_along
+        f0 /= np.square(q)
+        share = np.divide(ks, tint, out=scratch)
+        if not (tint > _TINY).all():
+            share = np.where(tint > _TINY, share, np.float32(math.inf))
+        np.minimum(f0, _least(share) / q, out=f0)
+        np.minimum(np.fmax(f0, 0, out=f0), most_f0, out=f0)  # fmax: 0 where it is NaN
+        base = np.subtract(ks, np.multiply(q * f0, tint, out=scratch), out=ks)
+        base *= metallic
+        base += np.multiply(q, kd, out=scratch)
+        base /= np.square(q) + np.square(metallic)
+        np.minimum(np.maximum(base, 0, out=base), most_base, out=base)
+        level = np.minimum(f0 / per_level, most_level)
         free = (q == 0) | (per_level == 0)
-        level = torch.where(free, self.level, torch.minimum(f0 / per_level, most_level))
+        if free.any():
+            level = np.where(free, self.level, level)
         return base, metallic, level
 
 
-def _rows(pixels: Pixels) -> Tensor:
-    return torch.from_numpy(pixels.reshape(-1, pixels.shape[-1]))
+def _chunks(count: int) -> Iterator[slice]:
+    for start in range(0, count, _CHUNK):
+        yield slice(start, min(start + _CHUNK, count))
 
 
-def _channels(rows: Tensor) -> Tensor:
-    return rows.T
+def _planes(pixels: Pixels) -> Pixels:
+    """[C, H W] of [H, W, C] or [H, W]; a view where the texels lie evenly."""
+    return pixels.reshape(pixels.shape[0] * pixels.shape[1], -1).T
+
+
+def _image(planes: Pixels, size: tuple[int, int]) -> Pixels:
+    """[H, W, 3] or [H, W] of [3, H W] or [1, H W]: `_planes` the other way, a view."""
+    return planes.T.reshape(*size, 3) if len(planes) == 3 else planes.reshape(size)
+
+
+def _collapsed(planes: Pixels) -> Pixels:
+    """[C, 1] where the planes [C, n] are one value broadcast, else as they are."""
+    return planes[:, :1] if planes.strides[1] == 0 else planes
+
+
+def _cut(planes: Pixels, part: slice) -> Pixels:
+    return planes if planes.shape[1] == 1 else np.ascontiguousarray(planes[:, part])
+
+
+def _sum(planes: Pixels) -> Pixels:
+    total = planes[:1] + planes[1:2]
+    total += planes[2:]
+    return total
+
+
+def _least(planes: Pixels) -> Pixels:
+    least = np.minimum(planes[:1], planes[1:2])
+    return np.minimum(least, planes[2:], out=least)
+
+
+def _largest(planes: Pixels) -> Pixels:
+    largest = np.maximum(planes[:1], planes[1:2])
+    return np.maximum(largest, planes[2:], out=largest)
 
 
 def _roughness(alpha: Pixels, authored: Pixels) -> Pixels:
     """sqrt(alpha), and `authored` where alpha is its square to the bit."""
-    return np.where(alpha == authored**2, authored, np.sqrt(alpha.clip(0, 1)))
+    kept = alpha == np.square(authored)
+    roughness = np.sqrt(np.clip(alpha, 0, 1))
+    np.copyto(roughness, authored, where=kept)
+    return roughness

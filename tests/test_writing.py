@@ -1,0 +1,116 @@
+"""Frames as maps: made band by band, the same as the whole image at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from model_runtime.brdf import principled
+from model_runtime.compose import AgedTexels
+from model_runtime.histories import Histories
+from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from model_runtime.plan import Palette
+from model_runtime.writing import FrameMaps, maps_of
+
+SIZE = (70, 1000)  # three bands, the last one shorter
+TIMES = (0.0, 0.2, 0.7, 1.0)
+
+
+def authored(size: tuple[int, int] = SIZE) -> PrincipledMaps:
+    """Half metal, half plastic; level, IOR and tint are one value throughout."""
+    rng = np.random.default_rng(0)
+    base = rng.uniform(0.1, 0.9, (*size, 3)).astype(np.float32)
+    metallic = (rng.random(size) > 0.5).astype(np.float32)
+    roughness = rng.uniform(0.2, 0.9, size).astype(np.float32)
+
+    def one(value: float, *channels: int) -> np.ndarray:
+        return np.broadcast_to(np.float32(value), (*size, *channels))
+
+    return PrincipledMaps(base, metallic, one(0.5), roughness, one(1.5), one(1, 3))
+
+
+def ageing(maps: PrincipledMaps, seed: int = 1) -> AgedTexels:
+    """Four histories that wander, starting at random times; a tenth of the texels never start."""
+    start = principled.forward(maps)
+    flat = np.concatenate((start.kd, start.ks, start.alpha[..., None]), -1).reshape(-1, 7)
+    g = torch.Generator().manual_seed(seed)
+    states = 0.3 + 0.1 * torch.randn(4, 1, 7, generator=g)
+    states = (states + 0.1 * torch.rand(4, 5, 7, generator=g).cumsum(1)).clamp(0.01, 0.7)
+    index = torch.randint(4, (len(flat),), generator=g)
+    onset = (1.1 * torch.rand(len(flat), generator=g)).clamp_max(1)
+    gain = torch.linspace(1, 0, 5)[:, None].expand(5, 7)
+    palette = Palette(states[:, 0], index)
+    return AgedTexels(torch.from_numpy(flat), palette, Histories(states, 0.0), gain, onset)
+
+
+def whole(texels: AgedTexels, time: float, size: tuple[int, int] = SIZE) -> TorranceSparrowMaps:
+    states = texels.at(time).numpy().reshape(*size, 7)
+    return TorranceSparrowMaps(states[..., :3], states[..., 3:6], states[..., 6])
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_torrance_sparrow_maps_are_the_states(time: float) -> None:
+    texels = ageing(authored())
+    maps = FrameMaps(texels, SIZE, "torrance-sparrow", None).at(time)
+    for name, expected in vars(whole(texels, time)).items():
+        np.testing.assert_array_equal(maps[name], expected.astype(np.float16), err_msg=name)
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_principled_maps_are_the_read_back_of_the_whole(time: float) -> None:
+    material = authored()
+    texels = ageing(material)
+    maps = FrameMaps(texels, SIZE, "principled", material).at(time)
+    expected = principled.read_back(whole(texels, time), material)
+    for name, pixels in maps.items():
+        np.testing.assert_array_equal(pixels, getattr(expected, name).astype(np.float16), name)
+
+
+def test_frame_1_is_the_input_to_the_bit_and_stays_so_where_nothing_starts() -> None:
+    material = authored()
+    texels = ageing(material)
+    maps = FrameMaps(texels, SIZE, "principled", material)
+    assert texels.onset is not None
+    still = (texels.onset == 1).numpy().reshape(SIZE)
+    for name, first in maps.at(0.0).items():
+        given = getattr(material, name).astype(np.float16)
+        np.testing.assert_array_equal(first, given, name)
+        np.testing.assert_array_equal(maps.at(1.0)[name][still], given[still], name)
+
+
+def test_frames_may_be_asked_for_in_any_order() -> None:
+    maps = FrameMaps(ageing(authored()), SIZE, "torrance-sparrow", None)
+    before = maps.at(0.3)
+    maps.at(1.0)
+    for name, pixels in maps.at(0.3).items():
+        np.testing.assert_array_equal(pixels, before[name], name)
+
+
+def test_exact_maps_and_what_they_cannot_hold() -> None:
+    texels = ageing(authored())
+    assert maps_of(texels, authored(), SIZE, "principled-exact", TIMES).format == "torrance-sparrow"
+    small = texels.select(torch.arange(6))
+    small.initial[:] = torch.tensor((0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.3))
+    small.histories.states[:] = small.initial[0]
+    maps = maps_of(small, authored((2, 3)), (2, 3), "principled-exact", TIMES)
+    assert maps.format == "principled-exact"
+    for name, value in (("base_color", 0.125), ("specular_tint", 0.25), ("roughness", 0.3**0.5)):
+        np.testing.assert_allclose(maps.at(1.0)[name], value, rtol=1e-3, err_msg=name)
+
+
+def test_a_uniform_material_is_one_texel() -> None:
+    material = authored((1, 1))
+    maps = FrameMaps(ageing(material), (1, 1), "principled", material)
+    assert {name: pixels.shape for name, pixels in maps.at(1.0).items()} == {
+        "base_color": (1, 1, 3), "metallic": (1, 1), "specular": (1, 1), "roughness": (1, 1)
+    }  # fmt: skip
+
+
+def test_sampled_texels_are_those_of_the_whole() -> None:
+    material = authored((3, 5))
+    maps = FrameMaps(ageing(material), (3, 5), "principled", material)
+    for name, pixels in maps.sampled(0).at(0.6).items():
+        np.testing.assert_array_equal(
+            pixels[:, 0], maps.at(0.6)[name].reshape(15, *pixels.shape[2:])
+        )
