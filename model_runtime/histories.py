@@ -18,6 +18,7 @@ from .temporal.ntm import NeuralTemporalModel
 
 __all__ = ("Histories", "fit_measured", "roll_out")
 
+_BRIGHTEST = 3.0
 _CHUNK = 256
 _MEASURED_SAMPLES = 16_200  # as in the paper
 
@@ -72,9 +73,21 @@ def roll_out(
             states = model.rollout(chunk, ntm.frames)
             if specular == "mono":
                 states[..., 3:6] = states[..., 3:6].mean(-1, keepdim=True)
-        parts.append(clamp_parameters(states))
+        parts.append(_bounded(clamp_parameters(states), chunk))
         step(stop / len(entries))
     return Histories(torch.cat(parts), max(errors))
+
+
+def _bounded(states: Tensor, entries: Tensor) -> Tensor:
+    """`states` [P, T, 7] whose Kd + Ks is at most 3, or three times that of their entry [P, 7] where
+    it reflected more than all light; Kd and Ks of brighter ones are scaled down.
+
+    The paper's S1 triples a material; whatever exceeds that is a model that has lost its way.
+    """
+    albedo = (states[..., :3] + states[..., 3:6]).amax(-1, keepdim=True)
+    given = (entries[:, :3] + entries[:, 3:6]).amax(-1).clamp_min(1)
+    share = (_BRIGHTEST * given[:, None, None] / albedo).clamp_max(1)
+    return torch.cat((states[..., :6] * share, states[..., 6:]), -1)
 
 
 def _chunks(count: int) -> Iterator[tuple[int, int]]:

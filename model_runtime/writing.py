@@ -69,12 +69,15 @@ class FrameMaps:
                 self._fill(planes, band, band.texels.at(time))
         return self._maps(planes)
 
-    def representable(self, time: float) -> bool:
-        """Whether "principled-exact" can hold every texel at `time`."""
+    def representable(self, times: Sequence[float]) -> bool:
+        """Whether "principled-exact" can hold every texel as it was given and at all of `times`."""
         return all(
-            principled.representable(_torrance_sparrow(band.texels.at(time)))
+            principled.representable(_torrance_sparrow(states))
             for band in self._bands
-            if band.texels.started(time)
+            for states in (
+                band.texels.initial,
+                *(band.texels.at(time) for time in times if band.texels.started(time)),
+            )
         )
 
     def sampled(self, seed: int) -> FrameMaps:
@@ -162,7 +165,7 @@ def maps_of(
     """
     maps = FrameMaps(aged, size, format, None)
     if format == "principled-exact":
-        if not all(maps.representable(time) for time in times):
+        if not maps.representable(times):
             maps = replace(maps, format="torrance-sparrow")
     elif format == "principled":
         if isinstance(material, PrincipledMaps):

@@ -112,13 +112,18 @@ def test_a_tolerance_that_is_missed_is_said(tmp_path: Path):
     rng = np.random.default_rng(0)
     write_exr(source / "kd.exr", rng.random((64, 64, 3), np.float32))
     listener = Listener()
-    aged = run(source, tmp_path / "aged", listener, tolerance=99.0, frames=2, onset="none")
+    options = {
+        "tolerance": 99.0,
+        "frames": 2,
+        "onset": "none",
+        "temporal_model": "lstm_parameters",
+    }
+    aged = run(source, tmp_path / "aged", listener, **options)
     (said,) = aged["warnings"]
     assert "99 dB" in said
     assert "exact" in said
     assert listener.warnings == [said]
-    exact = {"quality": "exact", "frames": 2, "onset": "none"}
-    assert run(source, tmp_path / "exact", tolerance=99.0, **exact)["warnings"] == []
+    assert run(source, tmp_path / "exact", quality="exact", **options)["warnings"] == []
 
 
 def test_rust_spreads_over_uniform_steel(steel: Path, tmp_path: Path):
@@ -155,11 +160,14 @@ def plain_ntm(folder: Path, timing: Timing) -> Path:
         "title": "Plain",
         "frames": 9,
         "representation": load_representation()[1],
-        "domain": {"radius": 2.0},
         "temporal_model": "affine",
         "timing": timing.json(),
     }
-    parts = (ParameterLSTM(), LatentLSTM(12, 8), Domain(torch.full((1, 7), 0.5), 2.0))
+    parts = (
+        ParameterLSTM(),
+        LatentLSTM(12, 8),
+        Domain(torch.full((1, 7), 0.5), torch.full((1,), 2.0)),
+    )
     ntm = NeuralTemporalModel(ModelCard(path, "ntm", 1, "plain", "Plain"), affine, *parts)
     save_model(path, ntm.tensors(), card, kind="ntm")
     return path

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import Tensor
 
 from model_runtime.brdf.torrance_sparrow import ALPHA_MIN
-from model_runtime.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.histories import roll_out
 from model_runtime.package import MODELS, list_models
-from model_runtime.plan import clamp_parameters, viewing_angles
+from model_runtime.plan import viewing_angles
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Latents
 from model_runtime.temporal.models import ParameterLSTM
@@ -17,9 +19,9 @@ from model_runtime.temporal.ntm import NeuralTemporalModel
 
 COUNT = 10_000
 LIMIT = ParameterLSTM.LIMIT + 1e-3
-FITTED = 300
-BRIGHTEST = 2.5
-"""Albedo that no rollout exceeds: inputs have at most 1, and what is brighter cannot be shown."""
+FITTED = 12
+BRIGHTEST = 3.0
+"""Albedo that no rollout exceeds of materials that reflect at most all light."""
 
 
 @pytest.fixture(scope="module")
@@ -31,37 +33,36 @@ def materials() -> Tensor:
     return torch.cat((states[:, :6] / albedo, 10 ** (-4 * states[:, 6:])), 1)
 
 
-def albedo(states: Tensor) -> float:
-    """The largest Kd + Ks."""
-    return float((states[..., :3] + states[..., 3:6]).max())
-
-
 @pytest.mark.parametrize("name", [card.name for card in list_models((MODELS,))])
 class TestTenTimesLonger:
     @torch.inference_mode()
     def test_on_parameters(self, name: str, materials: Tensor):
-        ntm, _ = _load(name)
-        states = clamp_parameters(ntm.parameters.rollout(materials, 10 * ntm.frames))
-        assert bool(torch.isfinite(states).all())
-        assert float(states[..., 6].min()) >= ALPHA_MIN
-        assert float(states[..., 6].max()) <= 1
-        assert albedo(states) < BRIGHTEST
+        ntm, representation = _load(name)
+        check(roll_out(materials, ntm, "lstm_parameters", representation).states)
 
     @torch.inference_mode()
     def test_on_latents(self, name: str, materials: Tensor):
+        """Latents of all, and of some what textures would hold."""
         ntm, representation = _load(name)
-        color, _ = representation.latent_sizes
         first = representation.encode_parameters(materials)
-        last = ntm.latents.rollout(first.flat(), 10 * ntm.frames)[:, -1]
+        last = ntm.latents.rollout(first.flat(), ntm.frames)[:, -1]
         assert bool((((last - ntm.latents.mean) / ntm.latents.scale).abs() <= LIMIT).all())
+        color, _ = representation.latent_sizes
         latents = Latents(last[:, :color].reshape(COUNT, 3, -1), last[:, color:])
-        f = representation.decode(latents, viewing_angles())
-        assert bool(torch.isfinite(f).all())
-        few = Latents(latents.color[:FITTED], latents.shared[:FITTED])
-        fit = fit_torrance_sparrow(representation.decode(few, fit_angles()))
-        assert albedo(fit.parameters()) < BRIGHTEST
+        assert bool(torch.isfinite(representation.decode(latents, viewing_angles())).all())
+        check(roll_out(materials[:FITTED], ntm, "lstm_latents", representation).states)
+
+
+def check(states: Tensor) -> None:
+    """Finite, and within what can be rendered."""
+    assert bool(torch.isfinite(states).all())
+    assert float(states.min()) >= 0
+    assert float(states[..., 6].min()) >= ALPHA_MIN * (1 - 1e-6)
+    assert float(states[..., 6].max()) <= 1
+    assert float((states[..., :3] + states[..., 3:6]).max()) <= BRIGHTEST + 1e-5
 
 
 def _load(name: str):
     representation, identity = load_representation()
-    return NeuralTemporalModel.load(MODELS / f"{name}.safetensors", identity), representation
+    ntm = NeuralTemporalModel.load(MODELS / f"{name}.safetensors", identity)
+    return replace(ntm, card=replace(ntm.card, frames=10 * ntm.frames)), representation
