@@ -79,8 +79,8 @@ def roll_out(
 
 
 def _bounded(states: Tensor, entries: Tensor) -> Tensor:
-    """`states` [P, T, 7] whose Kd + Ks is at most 3, or three times that of their entry [P, 7] where
-    it reflected more than all light; Kd and Ks of brighter ones are scaled down.
+    """`states` [P, T, 7] whose Kd + Ks is at most 3, or three times that of their entry [P, 7] if
+    that reflected more than all light; Kd and Ks of brighter ones are scaled down.
 
     The paper's S1 triples a material; whatever exceeds that is a model that has lost its way.
     """

@@ -32,10 +32,10 @@ MERL = "MERL "
 
 GALLERY: dict[str, tuple[str, str, str, str]] = {
     "rust": ("Metal032", "PaintedMetal004", "PaintedMetal007", "Metal035"),
-    "patina": ("Metal035", "MERL alum-bronze", "MERL gold-metallic-paint2", "Wood049"),
+    "patina": ("Metal035", "MERL gold-metallic-paint3", "MERL two-layer-gold", "Wood049"),
     "char": ("Wood049", "Leather028", "Fabric045", "Metal032"),
     "drying": ("Wood049", "Leather028", "Granite002A", "Metal024"),
-    "fading": ("PaintedMetal004", "PaintedWood007B", "MERL red-fabric", "Metal024"),
+    "fading": ("PaintedMetal007", "PaintedWood007B", "MERL orange-paint", "Metal024"),
     "soiling": ("Fabric045", "Plastic005", "MERL white-paint", "Metal035"),
     "yellowing": ("Wood049", "PaintedWood007B", "MERL cherry-235", "Metal032"),
     "moss": ("Wood049", "Leather028", "Fabric045", "Metal032"),
