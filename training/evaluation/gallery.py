@@ -127,7 +127,7 @@ def _draw(
                 image[sphere.sphere.inside.numpy()] = pixels.numpy()
                 ax.imshow(image)
                 ax.set_axis_off()
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=80)
 
 
 def _aged(
