@@ -70,8 +70,6 @@ def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast |
         if report is None:
             return None
         size, why = report.size, ""
-        if not settings.use_camera_size:
-            size = _scaled(size, settings.size)
     elif (look := _looks.get(uids)) is not None:
         size, why = _size(settings, look)
     else:
@@ -117,6 +115,8 @@ def _size(settings: properties.TVBRDF_PG_material, look: _Look) -> tuple[tuple[i
         return (1, 1), ""
     if look.images is None:
         return (longer, longer), why
+    if not settings.use_camera_size:
+        return look.images, why
     return _scaled(look.images, min(longer, max(look.images))), why
 
 

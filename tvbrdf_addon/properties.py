@@ -161,11 +161,11 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
             "Make the textures as large as the cameras of the scene can see over the frame range, "
             "and never larger than the material's own images"
         ),
-        default=True,
+        default=False,
     )
     size: bpy.props.IntProperty(
         name="Size",
-        description="Longer side of the textures; images are never enlarged",
+        description="Longer side of textures that are baked or made anew; images keep their size",
         default=1024,
         min=16,
         max=8192,

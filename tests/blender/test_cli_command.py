@@ -117,7 +117,7 @@ def test_one_failure_does_not_keep_the_others_but_is_the_exit_code(folder: Path,
             ["--material", "Cooper", *USUAL],
             "There is no material called Cooper. Did you mean Copper?",
         ),
-        (["--material", "Steel", "--ntm", "moss", "--frames", "1-9"], "no model called 'moss'"),
+        (["--material", "Steel", "--ntm", "frost", "--frames", "1-9"], "no model called 'frost'"),
         (["--material", "Steel", *USUAL, "--save-as", "nowhere/x.blend"], "There is no folder"),
     ],
 )

@@ -56,10 +56,10 @@ def read(
 ) -> Reading:
     """Writes `BaseColor.exr`, `Metallic.exr`, ... (float, linear; 1 x 1 where constant).
 
-    `folder` must exist.  `size` is the maps' longer side in pixels, and None as much as the cameras
-    see; images are never enlarged.  What is animated is read at `frame`, by default the first of
-    the material's range.  A material that is already aged is read as it was before.  Raises
-    `MaterialError`.
+    `folder` must exist.  `size` is the longer side in pixels of what has to be baked, images keep
+    theirs; None makes all as large as the cameras see, and no image larger.  What is animated is
+    read at `frame`, by default the first of the material's range.  A material that is already aged
+    is read as it was before.  Raises `MaterialError`.
     """
     frames = frame_range(material, scene)
     frame = frames[0] if frame is None else frame
@@ -90,7 +90,7 @@ def read(
         else:
             textures = TextureSize(size, "")
         whole = _whole(space, direct, max(textures.pixels, FULL) if size is None else size)
-        shape = _shrunk(whole, textures.pixels)
+        shape = whole if size is not None else _shrunk(whole, textures.pixels)
         for name, socket in sockets.items():
             if name not in maps and direct and is_direct(socket):
                 pixels = _image_map(socket)
