@@ -21,8 +21,8 @@ from training.evaluation.metric import psnr
 from training.evaluation.synthesis import evaluate_synthesis
 from training.evaluation.synthesis_cases import CASES, GRID, make_cases, mixed_weights, states_of
 from training.evaluation.synthesis_methods import METHODS, load_models, method_for
-from training.evaluation.synthesis_report import PUBLISHED
-from training.evaluation.synthesis_results import Curve, SynthesisReport, averaged
+from training.evaluation.synthesis_report import PUBLISHED, averages_table
+from training.evaluation.synthesis_results import CaseResult, Curve, SynthesisReport, averaged
 from training.evaluation.synthesis_sphere import TexturedSphere
 from training.evaluation.synthesis_stage import Stage, as_parameters
 from training.evaluation.synthesis_statistics import (
@@ -106,7 +106,7 @@ class TestReport:
 
     def test_the_page_has_both_tables_and_the_paper_s_own_figures(self, report, output: Path):
         text = (output / "synthesis.md").read_text(encoding="utf-8")
-        assert text.count("published, other textures") == 8
+        assert text.count("published, other textures") == 10
         assert "table 1" in text and "table 2" in text
 
     def test_what_was_learned_and_scored_is_used_again(
@@ -143,6 +143,21 @@ class TestReport:
             evaluate(data_folder, tmp_path, weights, methods=("papers",))
         with pytest.raises(ModelFileError, match=r"'paper'.*--config paper-short"):
             evaluate(data_folder, tmp_path, tmp_path, methods=("paper",))
+
+
+def test_averages_are_over_the_cells_of_a_family():
+    def case(mean: float, final: float) -> CaseResult:
+        return CaseResult({"ours": Curve((0, 1, 2), (100.0, 2 * mean - final, final), 3)})
+
+    cases = {
+        "s1_a0.6_b0": case(40, 30),
+        "s1_a1.0_b0.2": case(50, 20),
+        "s2_a0.6_b0": case(60, 50),
+        "s3": case(10, 10),
+    }
+    lines = averages_table(SynthesisReport(cases, {}, {}, 0.0)).splitlines()
+    assert "| ours | 45.0 | 60.0 | 25.0 | 50.0 |" in lines
+    assert lines[-1].endswith("| 38.5 | 40.3 | 30.9 | 36.2 |")
 
 
 def test_every_cell_of_the_paper_s_tables_has_its_figure():

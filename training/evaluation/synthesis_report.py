@@ -13,7 +13,7 @@ from .synthesis_charts import TITLES, Strip, chart_curves, chart_statistics, dra
 from .synthesis_minutes import chart_minutes
 from .synthesis_results import Curve, SynthesisReport
 
-__all__ = ("PUBLISHED", "grid_table", "other_table", "tables", "write_report")
+__all__ = ("PUBLISHED", "averages_table", "grid_table", "other_table", "tables", "write_report")
 
 Row = Sequence[float]
 
@@ -64,6 +64,7 @@ PUBLISHED: Mapping[tuple[str, str, str], Row] = {
 """The paper's tables 1 (mean over time) and 2 (final frame): dB by number, model and method, in the
 order of `GRID`, the average last. Its own textures, renderer and environment map."""
 
+_PUBLISHERS = {"paper": "its method", "stt": "its STT"}
 _NUMBERS = {"mean": "Mean over time (the paper's table 1)", "final": "Final frame (its table 2)"}
 
 
@@ -88,8 +89,33 @@ def grid_table(report: SynthesisReport, number: str) -> str:
                 lines.append(_row(family, label, [*values, _mean(values)]))
         for (n, f, method), row in PUBLISHED.items():
             if (n, f) == (number, family):
-                who = {"paper": "its method", "stt": "its STT"}[method]
-                lines.append(_row(family, f"*published, other textures: {who}*", row))
+                title = f"*published, other textures: {_PUBLISHERS[method]}*"
+                lines.append(_row(family, title, row))
+    return "\n".join(lines)
+
+
+def averages_table(report: SynthesisReport) -> str:
+    """The tables' last column: averages over all cells of S1 and of S2, published ones below."""
+    columns = [(family, number) for number in _NUMBERS for family in ("s1", "s2")]
+    titles = " | ".join(f"{family.upper()}, {number}" for family, number in columns)
+    lines = [f"| dB, averages | {titles} |", "|---" * (len(columns) + 1) + "|"]
+    for method, title in TITLES.items():
+        for label, kind in ((title, "curves"), (f"{title}, ceiling", "ceilings")):
+            values = [
+                _mean(
+                    [
+                        _number(getattr(case, kind).get(method), number)
+                        for name, case in report.cases.items()
+                        if GRID.get(name, ("",))[0] == family
+                    ]
+                )
+                for family, number in columns
+            ]
+            if any(value is not None for value in values):
+                lines.append(_texts(label, values))
+    for method, who in _PUBLISHERS.items():
+        values = [PUBLISHED[number, family, method][-1] for family, number in columns]
+        lines.append(_texts(f"*published, other textures: {who}*", values))
     return "\n".join(lines)
 
 
@@ -103,8 +129,12 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _row(family: str, title: str, values: Sequence[float | None]) -> str:
+    return f"| {family.upper()} {_texts(title, values)}"
+
+
+def _texts(title: str, values: Sequence[float | None]) -> str:
     texts = ["" if value is None else f"{value:.1f}" for value in values]
-    return "| " + " | ".join([family.upper(), title, *texts]) + " |"
+    return "| " + " | ".join([title, *texts]) + " |"
 
 
 def other_table(report: SynthesisReport) -> str:
@@ -193,6 +223,7 @@ def tables(report: SynthesisReport) -> str:
     """Everything scored, as Markdown."""
     parts = []
     if any(name in GRID for name in report.cases):
+        parts += ["## Averages of the paper's tables", averages_table(report)]
         for number, title in _NUMBERS.items():
             parts += [f"## {title}", grid_table(report, number)]
     if any(name not in GRID for name in report.cases):
