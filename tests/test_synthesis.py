@@ -120,6 +120,8 @@ class TestReport:
         now = {path: path.stat().st_mtime_ns for path in (output / "kept").iterdir()}
         assert {path for path in now if now[path] != kept.get(path)} == {damaged}
         assert again.cases == report.cases
+        assert again.train_minutes == report.train_minutes
+        assert set(again.train_minutes) == {"ours"}
 
     @pytest.mark.slow
     def test_measured_and_spotted_cases_by_every_method(

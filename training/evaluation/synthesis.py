@@ -93,9 +93,7 @@ def evaluate_synthesis(
     results = {
         name: _result(scored[name], clamped[name], names) for name in wanted if name in scored
     }
-    minutes = {
-        name: round(float(np.mean(list(each.values()))), 3) for name, each in school.minutes.items()
-    }
+    minutes = school.minutes()
     settings = {"pixels": pixels, "stride": stride, "effort": asdict(school.effort)}
     learning = {}
     if cases is None and "ours" in names:

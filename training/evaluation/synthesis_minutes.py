@@ -40,9 +40,7 @@ def learning_curves(
             effort = models.school.effort
             ladder = replace(effort.ladder, iterations=round(effort.ladder.iterations * share))
             kept = models.school.kept / f"iterations_{ladder.iterations}"
-            school = replace(
-                models.school, kept=kept, effort=replace(effort, ladder=ladder), minutes={}
-            )
+            school = replace(models.school, kept=kept, effort=replace(effort, ladder=ladder))
             representation, encoder = models.encoders["ours"]
             ntm = school.ladder(case.source_key, case.source, representation, encoder)
             scorer = Scorer(

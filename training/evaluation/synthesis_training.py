@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
+from safetensors.torch import load_file
 from torch import Tensor
 
 from model_runtime.package import read_card, save_model
@@ -49,12 +51,21 @@ def describe(sequence: Sequence | MixtureSequence) -> str:
 @dataclass
 class School:
     """Trains on sources; what has been learned is in the folder `kept`, and survives being killed
-    at any moment. `minutes` notes how long each training took, by method.
+    at any moment.
     """
 
     kept: Path
     effort: Effort
-    minutes: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def minutes(self) -> dict[str, float]:
+        """How long one training took, by method: the mean over all that is kept."""
+        found: dict[str, list[float]] = defaultdict(list)
+        for path in self.kept.glob("ntm_*.safetensors"):
+            found["ours"].append(read_card(path).trained["minutes"])
+        for name in ("paper", "brdfnps"):
+            for path in self.kept.glob(f"{name}_*.safetensors"):
+                found[name].append(float(load_file(path)["minutes"]))
+        return {name: round(sum(each) / len(each), 3) for name, each in found.items()}
 
     def ladder(
         self,
@@ -82,9 +93,7 @@ class School:
             details = {**card, **ntm.card.details, "made_from": made_from, "source": "evaluation"}
             save_model(path, ntm.tensors(), details, kind="ntm")
             _remove_checkpoints(run.base)
-        ntm = NeuralTemporalModel.load(path, encoder)
-        self.minutes.setdefault("ours", {})[path.stem] = ntm.card.trained["minutes"]
-        return ntm
+        return NeuralTemporalModel.load(path, encoder)
 
     def rival(
         self,
@@ -110,7 +119,7 @@ class School:
             return {**model.state_dict(), "minutes": torch.tensor(record["seconds"] / 60)}
 
         stored = _kept(path, made_from, train)
-        self.minutes.setdefault(name, {})[path.stem] = float(stored.pop("minutes"))
+        del stored["minutes"]
         model = LatentLSTM(*representation.latent_sizes)
         model.load_state_dict(stored)
         return model.eval().requires_grad_(False)
