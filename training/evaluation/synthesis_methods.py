@@ -27,11 +27,10 @@ from .methods import METHODS as REPRESENTATIONS
 from .methods import WEIGHTS
 from .synthesis_cases import Case, states_of
 from .synthesis_stage import Stage, as_parameters
-from .synthesis_training import School
+from .synthesis_training import RIVALS, School
 
-__all__ = ("METHODS", "RIVALS", "Method", "Models", "Rung", "load_models", "method_for")
+__all__ = ("METHODS", "Method", "Models", "Rung", "load_models", "method_for")
 
-RIVALS = ("paper", "brdfnps")
 METHODS = ("ours", *RIVALS, "stt", "staf", *LADDER)
 
 _SAMPLES = 256

@@ -24,7 +24,10 @@ from ..timing import timed
 from .synthesis_cases import states_of
 from .synthesis_stage import thinned
 
-__all__ = ("Effort", "School", "describe")
+__all__ = ("RIVALS", "Effort", "School", "describe")
+
+RIVALS = ("paper", "brdfnps")
+"""Methods with an encoder of their own, on whose latents the paper's LSTM is taught."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class School:
         found: dict[str, list[float]] = defaultdict(list)
         for path in self.kept.glob("ntm_*.safetensors"):
             found["ours"].append(read_card(path).trained["minutes"])
-        for name in ("paper", "brdfnps"):
+        for name in RIVALS:
             for path in self.kept.glob(f"{name}_*.safetensors"):
                 found[name].append(float(load_file(path)["minutes"]))
         return {name: round(sum(each) / len(each), 3) for name, each in found.items()}
