@@ -126,12 +126,12 @@ def _image(name: str) -> bpy.types.Image:
             f"There is no file {path} for --onset, and no image called {name} in the .blend.",
             f"Give auto, none, an image, or {ATTRIBUTE}NAME of a color attribute.",
         )
-    try:
-        return bpy.data.images.load(str(path), check_existing=True)
-    except RuntimeError as error:
-        raise SettingsError(
-            f"{path} cannot be read as an image: {error}".strip(), "Save it again as PNG."
-        ) from error
+    image = bpy.data.images.load(str(path), check_existing=True)
+    if min(image.size) == 0:  # only asking for the size reads it
+        if not image.users:
+            bpy.data.images.remove(image)
+        raise SettingsError(f"{path} cannot be read as an image.", "Save it again as PNG.")
+    return image
 
 
 def _file_path(path: str) -> str:
