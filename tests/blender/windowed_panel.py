@@ -6,8 +6,8 @@ At the end the command, as only Blender's own program dispatches it.
 
 The exchange folder must hold `stub_worker.py` and, in `site-packages`, numpy for Python 3.13.
 Leaves `panel.png` (before), `exact.png` (its warning), `preview.png`, `progress.png`, `aged.png`,
-`start_*.png` (an attribute or an image that says where) and `properties.png` there.  Clicks go to real pixels: buttons are found by giving them a colour
-that nothing else has.
+`start_*.png` (an attribute or an image that says where) and `properties.png` there.  Clicks go to
+real pixels: buttons are found by giving them a colour that nothing else has.
 """
 
 from __future__ import annotations
@@ -261,11 +261,11 @@ def ends_on_loading() -> Steps:
 
 
 def says_where_it_starts() -> Steps:
-    """The rows of the subpanel, which no script can open, in each state that they have."""
-    panel = bpy.types.NODE_PT_tvbrdf_advanced
-    bpy.utils.unregister_class(panel)
-    panel.bl_options = set()
-    bpy.utils.register_class(panel)
+    """The rows of the subpanel, in each state that they have."""
+    # No script can open one that was drawn closed.
+    closed = bpy.types.NODE_PT_tvbrdf_advanced
+    bpy.utils.unregister_class(closed)
+    bpy.utils.register_class(type("NODE_PT_tvbrdf_opened", (closed,), {"bl_options": set()}))
     settings, mesh = material().tvbrdf, bpy.context.object.data
     settings.onset = "attribute"
     redraw()
