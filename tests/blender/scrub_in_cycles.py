@@ -1,0 +1,51 @@
+"""Frame changes without a window: Cycles, 64 x 64 pixels, one sample.
+
+python scrub_in_cycles.py RESULT_FOLDER OUTPUT.json persistent|anew
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import bpy
+from scrub_scene import build, show_result, summary, timed
+
+ROOT = Path(__file__).resolve().parents[2]
+PASSES = 2
+
+
+def extension() -> ModuleType:
+    """The working tree as an extension, registered."""
+    spec = importlib.util.spec_from_file_location(
+        "tvbrdf", ROOT / "__init__.py", submodule_search_locations=[str(ROOT)]
+    )
+    sys.modules["tvbrdf"] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.register()
+    return module
+
+
+def main() -> None:
+    folder, output, data = sys.argv[1:]
+    tvbrdf = extension()
+    material = build()
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x = scene.render.resolution_y = 64
+    scene.cycles.samples, scene.cycles.use_denoising = 1, False
+    scene.render.use_persistent_data = data == "persistent"
+    still = timed(range(1, 8), bpy.ops.render.render)
+    facts = show_result(tvbrdf.__name__, material, Path(folder))
+    frames = range(1, facts["frames"] + 1)
+    first = timed(frames, bpy.ops.render.render)
+    again = [each for _ in range(PASSES) for each in timed(frames, bpy.ops.render.render)]
+    facts |= {"viewer": f"Cycles, 64 px, 1 sample, {data}"} | summary(still, first, again)
+    Path(output).write_text(json.dumps(facts), encoding="utf-8")
+    tvbrdf.unregister()
+
+
+main()
