@@ -1,4 +1,4 @@
-"""Frame changes in a window: Material Preview, drawn anew on every frame, and played.
+"""Frame changes in a window: Material Preview, drawn anew on every frame.
 
     windowed-blender scrub_in_window.py EXCHANGE_FOLDER EXTENSION.zip
 
@@ -27,7 +27,6 @@ from scrub_scene import build, show_result, summary, timed  # noqa: E402
 EXTENSION = "bl_ext.user_default.tvbrdf"
 # Shaders are compiled by software, too.
 PATIENCE = 120.0
-PLAYED_SECONDS = 10.0
 PASSES = 2
 
 
@@ -78,7 +77,6 @@ def measure(folder: Path) -> Iterator[float]:
     material = build()
     yield 1.0
     area = prepare()
-    scene = bpy.context.scene
     yield 5.0
     still = timed(range(1, 11), draw)
     facts = show_result(EXTENSION, material, folder)
@@ -87,21 +85,8 @@ def measure(folder: Path) -> Iterator[float]:
     yield from wait_for_shaders(area, frames[-1])
     again = [each for _ in range(PASSES) for each in timed(frames, draw)]
     shoot(folder.name)
-
-    pictures: list[int] = []
-    handle = bpy.types.SpaceView3D.draw_handler_add(
-        lambda: pictures.append(scene.frame_current), (), "WINDOW", "POST_PIXEL"
-    )
-    # Faster than it can be, and without leaving frames out.
-    scene.render.fps, scene.sync_mode = 240, "NONE"
-    bpy.ops.screen.animation_play()
-    yield PLAYED_SECONDS
-    bpy.ops.screen.animation_cancel(restore_frame=False)
-    bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
-
     facts["viewer"] = f"Material Preview, {area.width} x {area.height} px"
     facts |= summary(still, first, again)
-    facts["played_fps"] = round(len(pictures) / PLAYED_SECONDS, 2)
     found.append(facts)
 
 

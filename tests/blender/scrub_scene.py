@@ -8,11 +8,12 @@ import statistics
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import bmesh
 import bpy
 
-__all__ = ("build", "show_result", "summary", "timed")
+__all__ = ("Taken", "build", "show_result", "summary", "timed")
 
 
 def build() -> bpy.types.Material:
@@ -72,24 +73,36 @@ def show_result(extension: str, material: bpy.types.Material, folder: Path) -> d
     }
 
 
-def timed(frames: Iterable[int], show: Callable[[], object]) -> list[float]:
-    """Seconds that each frame takes, from the change of the scene to the picture."""
-    scene, seconds = bpy.context.scene, []
+class Taken(NamedTuple):
+    """What a frame took: seconds, and seconds of all threads on whatever cores they had."""
+
+    seconds: float
+    core_seconds: float
+
+
+def timed(frames: Iterable[int], show: Callable[[], object]) -> list[Taken]:
+    """What each frame takes, from the change of the scene to the picture."""
+    scene, taken = bpy.context.scene, []
     for frame in frames:
-        started = time.perf_counter()
+        started, worked = time.perf_counter(), time.process_time()
         scene.frame_set(frame)
         show()
-        seconds.append(time.perf_counter() - started)
-    return seconds
+        taken.append(Taken(time.perf_counter() - started, time.process_time() - worked))
+    return taken
 
 
-def summary(still: list[float], first: list[float], again: list[float]) -> dict[str, float]:
-    """Frames per second: of the same scene unaged, of the first pass over the frames, and later.
+def summary(still: list[Taken], first: list[Taken], again: list[Taken]) -> dict[str, object]:
+    """Of the same scene unaged, of the first pass over the frames, and of later ones: frames per
+    second as they came, and the work of a frame, which a busy machine does not change.
 
     Medians, of all frames but the first, which also builds the scene.
     """
     passes = {"unaged": still, "first_pass": first, "later_passes": again}
+    seconds, work = (
+        {name: statistics.median(each[i] for each in taken[1:]) for name, taken in passes.items()}
+        for i in range(2)
+    )
     return {
-        f"{name}_fps": round(1 / statistics.median(seconds[1:]), 2)
-        for name, seconds in passes.items()
+        "fps": {name: round(1 / each, 2) for name, each in seconds.items()},
+        "core_ms": {name: round(1000 * each) for name, each in work.items()},
     }

@@ -1,12 +1,12 @@
 """Measures how fast an aged material can be scrubbed: in a window, and in Cycles without one.
 
     python tests/blender/scrubbing.py OUTPUT_FOLDER [RESULT_FOLDER ...] [--sizes 1024 4096]
-        [--frames 12] [--no-window]
+        [--frames 9] [--no-window]
 
 A result is what `age` wrote, `aged.json` and its files.  Without any, random ones are made: one
 with a file for each frame and one with a file for every fourth, of each size.  Prints and leaves
 `scrubbing.json`.  The window is that of `windowed-blender` (../shared/tools), whose OpenGL is
-software: compare its frames per second with those of the same scene unaged, not with a GPU's.
+software: compare its figures with those of the same scene unaged, not with a GPU's.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def main() -> None:
     parser.add_argument("output", type=Path, metavar="OUTPUT_FOLDER")
     parser.add_argument("results", type=Path, nargs="*", metavar="RESULT_FOLDER")
     parser.add_argument("--sizes", type=int, nargs="+", default=[1024, 4096], metavar="PX")
-    parser.add_argument("--frames", type=int, default=12, metavar="N")
+    parser.add_argument("--frames", type=int, default=9, metavar="N")
     parser.add_argument("--no-window", action="store_true", help="Cycles alone")
     arguments = parser.parse_args()
     output = arguments.output.resolve()
