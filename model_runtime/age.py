@@ -34,6 +34,7 @@ from .plan import Palette, appearance_psnr, build_palette
 from .representation import load_representation
 from .representation.latents import Representation
 from .result import StagedResult, check_space
+from .savings import savings
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
 from .writing import Format, maps_of, write_frames, write_stored_frames
@@ -205,6 +206,7 @@ def _age(run: _Run) -> dict[str, Any]:
             "quality": request.quality,
             "temporal_model": rung,
             "palette": len(palette.entries),
+            "plan": savings(texels=len(initial), modelled=len(palette.entries), files=files),
             "fit_error": round(max(fit_error, histories.fit_error), 6),
             "warnings": run.warnings,
             "seconds": run.seconds,
