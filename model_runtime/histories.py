@@ -11,7 +11,7 @@ from torch import Tensor
 
 from .brdf.measured import MeasuredBRDF
 from .brdf.torrance_sparrow import evaluate
-from .fit import fit_angles, fit_torrance_sparrow
+from .fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from .plan import clamp_parameters
 from .representation.latents import Latents, Representation
 from .temporal.ntm import NeuralTemporalModel
@@ -50,6 +50,7 @@ def roll_out(
     representation: Representation,
     *,
     samples: int | None = None,
+    fit: FitEffort = USUAL,
     specular: Literal["rgb", "mono"] = "rgb",
     measured: MeasuredBRDF | None = None,
     step: Callable[[float], None] = lambda fraction: None,
@@ -58,7 +59,8 @@ def roll_out(
 
     Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
     `samples` directions of them where that is given (`measured`, then the only entry, always is
-    sampled), rolled out, decoded and fitted at every age. `step` hears which share is done.
+    sampled), rolled out, decoded and fitted with the effort `fit` at every age. `step` hears which
+    share is done.
     """
     model = ntm.rung(rung)
     parts, errors = [], [0.0]
@@ -67,7 +69,7 @@ def roll_out(
         if rung == "lstm_latents":
             latents = _encode(chunk, representation, samples, measured)
             flat = model.rollout(latents.flat(), ntm.frames)
-            states, error = _decode_and_fit(latents, flat, representation, specular)
+            states, error = _decode_and_fit(latents, flat, representation, specular, fit)
             errors.append(error)
         else:
             states = model.rollout(chunk, ntm.frames)
@@ -114,12 +116,16 @@ def _encode(
 
 
 def _decode_and_fit(
-    latents: Latents, flat: Tensor, representation: Representation, specular: Literal["rgb", "mono"]
+    latents: Latents,
+    flat: Tensor,
+    representation: Representation,
+    specular: Literal["rgb", "mono"],
+    effort: FitEffort,
 ) -> tuple[Tensor, float]:
     """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error of the
     fit.
     """
     angles = fit_angles()
     decoded = representation.decode(latents.unflat(flat), angles)
-    fit = fit_torrance_sparrow(decoded, angles, specular=specular)
+    fit = fit_torrance_sparrow(decoded, angles, specular=specular, effort=effort)
     return fit.parameters().unflatten(0, flat.shape[:2]), float(fit.error.max())
