@@ -22,7 +22,7 @@ from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
 from .errors import Cancelled, InputError
-from .histories import fit_measured
+from .histories import CPU, fit_measured
 from .images import read_image, resize
 from .inputs import Material, hash_file, hash_input, read_input
 from .maps import PrincipledMaps, TorranceSparrowMaps
@@ -100,9 +100,9 @@ class _Run:
 def age(request: AgeRequest, reporter: Reporter, effort: Effort | None = None) -> dict[str, Any]:
     """Age a material and write its maps; returns the content of `aged.json`.
 
-    `effort` is that of the request's quality unless it is given. Frame 1 is the input. Raises a kind
-    of TvbrdfError with a sentence for the user where anything is wrong; the output folder then holds
-    what it held before.
+    `effort` is that of the request's quality unless it is given. Frame 1 is the input. Raises a
+    kind of TvbrdfError with a sentence for the user where anything is wrong; the output folder then
+    holds what it held before.
     """
     run = _Run(request, reporter)
     with torch.inference_mode(), _one_thread():
@@ -148,6 +148,7 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
             tolerance=request.tolerance,
             specular=request.specular,
             measured=material if isinstance(material, MeasuredBRDF) else None,
+            device=_device(),
             step=lambda share: run.progress("modelling the change", 0.05 + 0.35 * share),
             warn=run.warn,
         )
@@ -271,6 +272,11 @@ def _rung(run: _Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
         )
         return "affine"
     return ntm.chosen
+
+
+def _device() -> torch.device:
+    """CUDA's where there is one. Apple's GPUs are not used: the fit needs double precision."""
+    return torch.device("cuda") if torch.cuda.is_available() else CPU
 
 
 def command_line(request: AgeRequest) -> str:

@@ -154,7 +154,7 @@ def _fit_chunk(
     weights = finite * (cos_i * cos_o).clamp(0, 1) / (brightness + floor).square()
     moments = _Moments.of(f, weights)
 
-    grid = torch.linspace(math.log(ALPHA_MIN), 0, effort.candidates, dtype=f.dtype)
+    grid = torch.linspace(math.log(ALPHA_MIN), 0, effort.candidates, dtype=f.dtype, device=f.device)
     lobes = specular_lobe(grid.exp(), angles)
     cross = weights @ lobes.T / math.pi
     square = weights @ lobes.square().T
@@ -175,7 +175,7 @@ def _fit_chunk(
 
     lobe = specular_lobe(log_alpha.exp(), angles)
     kd, ks, best = solve(lobe)
-    reach = torch.full_like(best, float(grid[1] - grid[0]))
+    reach = torch.full_like(best, -math.log(ALPHA_MIN) / (effort.candidates - 1))
     for _ in range(effort.refinements):
         step = _gauss_newton_step(f, weights, kd, ks, lobe, log_alpha, angles)
         trial_alpha = (log_alpha + step.clamp(-reach, reach)).clamp(math.log(ALPHA_MIN), 0)

@@ -13,7 +13,7 @@ from torch import Tensor
 from .brdf.measured import MeasuredBRDF
 from .compose import AgedTexels
 from .fit import USUAL, FitEffort
-from .histories import Histories, roll_out
+from .histories import CPU, Histories, roll_out
 from .images import Compression
 from .plan import Palette, appearance_psnr, build_palette
 from .representation.latents import Representation
@@ -65,6 +65,7 @@ def model_texels(
     tolerance: float = math.inf,
     specular: Literal["rgb", "mono"] = "rgb",
     measured: MeasuredBRDF | None = None,
+    device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
     warn: Callable[[str], None] = lambda message: None,
 ) -> AgedTexels:
@@ -75,11 +76,12 @@ def model_texels(
     tolerance: dB that a checked palette is to reach against texels modelled each for itself. Where
     it misses, its cells are halved as long as that helps; what is still missing is told to `warn`.
     measured: the BRDF behind the only texel of `initial`, where there is one.
+    device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it.
     `step` hears which share of a palette is done.
     """
     gain = torch.ones_like(ntm.affine.gain) if rung == "constant" else ntm.affine.gain
 
-    def modelled(palette: Palette) -> Histories:
+    def modelled_on(device: torch.device, palette: Palette) -> Histories:
         return roll_out(
             palette.entries,
             ntm,
@@ -89,8 +91,20 @@ def model_texels(
             fit=effort.fit,
             specular=specular,
             measured=measured,
+            device=device,
             step=step,
         )
+
+    def modelled(palette: Palette) -> Histories:
+        nonlocal device
+        try:
+            return modelled_on(device, palette)
+        except RuntimeError as error:  # torch's, out of memory among them
+            if device == CPU:
+                raise
+            warn(f"The GPU failed ({str(error).splitlines()[0]}), so the CPU was used.")
+            device = CPU
+            return modelled_on(device, palette)
 
     def aged(palette: Palette, histories: Histories) -> AgedTexels:
         texels = AgedTexels(initial, palette, histories, gain, onset, rate)
