@@ -25,6 +25,8 @@ __all__ = ("main", "register", "unregister")
 
 NAME = "age_material"
 AUTOMATIC = "auto"
+# Before the name of a color attribute, where an image could stand.
+ATTRIBUTE = "attribute:"
 
 _command: object | None = None
 
@@ -79,10 +81,7 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
         package.find_model(arguments.ntm, preferences.model_folders())
         settings.ntm = arguments.ntm
     settings.frame_start, settings.frame_end = arguments.frames
-    if arguments.onset in ("auto", "none"):
-        settings.onset = arguments.onset
-    elif arguments.onset is not None:
-        settings.onset, settings.onset_image = "image", str(Path(arguments.onset).absolute())
+    _apply_onset(arguments, settings)
     if arguments.output is not None:
         settings.output = _file_path(arguments.output)
     if arguments.size == AUTOMATIC:
@@ -94,6 +93,45 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
     ):  # fmt: skip
         if (value := getattr(arguments, name)) is not None:
             setattr(settings, name, value)
+
+
+def _apply_onset(arguments: argparse.Namespace, settings: properties.TVBRDF_PG_material) -> None:
+    onset = arguments.onset
+    if onset in ("auto", "none"):
+        settings.onset = onset
+    elif onset is not None and onset.startswith(ATTRIBUTE):
+        settings.onset, settings.onset_attribute = "attribute", onset.removeprefix(ATTRIBUTE)
+    elif onset is not None:
+        settings.onset, settings.onset_image = "image", _image(onset)
+    if arguments.onset_invert is None:
+        return
+    if settings.onset not in ("image", "attribute"):
+        raise SettingsError(
+            "There is no start image to invert, and no color attribute.", "Name one with --onset."
+        )
+    settings.onset_invert = arguments.onset_invert
+
+
+def _image(name: str) -> bpy.types.Image:
+    """The image in the file `name`, or else that of the .blend that is called so.
+
+    Raises:
+        SettingsError: there is neither, or it is no image.
+    """
+    path = Path(bpy.path.abspath(_file_path(name)))
+    if not path.is_file():
+        if name in bpy.data.images:
+            return bpy.data.images[name]
+        raise SettingsError(
+            f"There is no file {path} for --onset, and no image called {name} in the .blend.",
+            f"Give auto, none, an image, or {ATTRIBUTE}NAME of a color attribute.",
+        )
+    image = bpy.data.images.load(str(path), check_existing=True)
+    if min(image.size) == 0:  # only asking for the size reads it
+        if not image.users:
+            bpy.data.images.remove(image)
+        raise SettingsError(f"{path} cannot be read as an image.", "Save it again as PNG.")
+    return image
 
 
 def _file_path(path: str) -> str:
@@ -150,7 +188,16 @@ def _parser() -> argparse.ArgumentParser:
         "--size", type=_size, metavar="auto|PX", help="longer side; auto: what the cameras see"
     )
     parser.add_argument("--tolerance", type=_decibels, metavar="DB", help="10 to 100 dB (45)")
-    parser.add_argument("--onset", metavar="auto|none|IMAGE", help="where ageing starts (auto)")
+    parser.add_argument(
+        "--onset",
+        metavar=f"auto|none|IMAGE|{ATTRIBUTE}NAME",
+        help="where ageing starts (auto): black in an image or a color attribute, white last",
+    )
+    parser.add_argument(
+        "--onset-invert",
+        action=argparse.BooleanOptionalAction,
+        help="white first, black last",
+    )
     parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the onset (0)")
     for option, items in (
         ("--quality", properties.QUALITIES),

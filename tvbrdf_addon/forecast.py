@@ -16,6 +16,7 @@ import bpy
 
 from . import preferences, properties
 from .estimate import Estimate, Rates, Work
+from .material.onset import is_painted
 from .material.revert import is_aged
 from .material.space import Space, choose_space
 from .material.trace import find_principled
@@ -182,7 +183,7 @@ def _space(material: bpy.types.Material) -> Space | None:
         return None
     if principled is None or principled.type != "BSDF_PRINCIPLED":
         return None
-    space = choose_space(principled)
+    space = choose_space(principled, painted=is_painted(material))
     broken = any(node.image is None or min(node.image.size) == 0 for node in space.images)
     return None if broken else space
 

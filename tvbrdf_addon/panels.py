@@ -11,10 +11,11 @@ import bpy
 from . import properties, session
 from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
+from .material.onset import is_invertible
 from .material.revert import is_aged
 from .operators import material_of
 from .report import report_in
-from .run import Run, why_not
+from .run import Run, object_with, why_not
 
 __all__ = ("CLASSES",)
 
@@ -185,10 +186,10 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     settings = material.tvbrdf
     column = layout.column()
     column.prop(settings, "onset")
-    if settings.onset == "image":
-        column.prop(settings, "onset_image", text="Image")
     if settings.onset == "auto":
         column.prop(settings, "seed")
+    if is_invertible(material):
+        _draw_onset(column, context, material)
     column.separator()
     column.prop(settings, "temporal_model")
     row = column.row()
@@ -200,6 +201,24 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     box = column.box()
     chosen = next(item for item in properties.FORMATS if item[0] == settings.format)
     _paragraph(box, context, chosen[2])
+
+
+def _draw_onset(
+    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
+) -> None:
+    settings = material.tvbrdf
+    obj = object_with(material, context.scene)
+    if settings.onset == "image":
+        layout.template_ID(settings, "onset_image", new="image.new", open="image.open")
+    elif obj is not None and obj.type == "MESH":
+        layout.prop_search(
+            settings, "onset_attribute", obj.data, "color_attributes", text="Attribute"
+        )
+    else:
+        layout.prop(settings, "onset_attribute", text="Attribute")
+    layout.prop(settings, "onset_invert")
+    first, last = ("White", "black") if settings.onset_invert else ("Black", "white")
+    _paragraph(layout, context, f"{first} starts first, {last} last.", "INFO")
 
 
 def _draw_report(

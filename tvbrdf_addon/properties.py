@@ -10,6 +10,7 @@ import bpy
 
 from ..model_runtime import package
 from . import preferences
+from .material.ownership import TAG
 
 __all__ = (
     "CLASSES",
@@ -49,6 +50,11 @@ ONSETS = (
     ("auto", "Spots", "Ageing starts in spots and spreads from them, as the model's process does"),
     ("none", "Everywhere at Once", "Every texel starts to age on the first frame"),
     ("image", "Image", "An image says when each texel starts: black at once, white at the end"),
+    (
+        "attribute",
+        "Color Attribute",
+        "What is painted on the mesh says when it starts: black at once, white at the end",
+    ),
 )
 FORMATS = (
     (
@@ -114,6 +120,16 @@ def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) ->
 
 def _leave_camera_size(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
     self.use_camera_size = False
+
+
+def _take_active_attribute(self: TVBRDF_PG_material, context: bpy.types.Context) -> None:
+    obj = context.object
+    if self.onset == "attribute" and not self.onset_attribute and obj and obj.type == "MESH":
+        self.onset_attribute = obj.data.color_attributes.active_color_name
+
+
+def _is_start_image(_self: TVBRDF_PG_material, image: bpy.types.Image) -> bool:
+    return image.source in ("FILE", "GENERATED") and TAG not in image
 
 
 class TVBRDF_PG_material(bpy.types.PropertyGroup):
@@ -204,12 +220,28 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Where ageing starts",
         items=ONSETS,
         default="auto",
+        update=_take_active_attribute,
     )
-    onset_image: bpy.props.StringProperty(
+    onset_image: bpy.props.PointerProperty(
         name="Start Image",
-        description="Greyscale image that says when each texel starts to age",
-        subtype="FILE_PATH",
-        options=RELATIVE,
+        description=(
+            "Greyscale image that says when each texel starts to age; painted in Blender, it "
+            "counts as it is now"
+        ),
+        type=bpy.types.Image,
+        poll=_is_start_image,
+    )
+    onset_attribute: bpy.props.StringProperty(
+        name="Start Attribute",
+        description=(
+            "Color attribute, painted in Vertex Paint mode for instance, that says when each "
+            "place starts to age"
+        ),
+    )
+    onset_invert: bpy.props.BoolProperty(
+        name="Invert",
+        description="White starts at once and black at the end, not the other way round",
+        default=False,
     )
     seed: bpy.props.IntProperty(
         name="Seed",

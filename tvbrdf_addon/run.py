@@ -18,6 +18,7 @@ import bpy
 from . import forecast, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
+from .material.onset import is_invertible, showing, why_no_onset
 from .material.revert import is_aged, revert
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
@@ -38,7 +39,7 @@ class Plan:
     """Everything that a run needs to know, so that the panel may be changed meanwhile.
 
     `size` is None where the cameras decide.  `request` is what the worker is asked for, without the
-    input.
+    input, and without an onset that has to be read from the file as the input is.
     """
 
     material_uid: int
@@ -66,9 +67,6 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
     frame_start, frame_end = properties.frame_range(material, scene)
     parent = Path(bpy.path.abspath(settings.output)).absolute()
     output.require_writable(parent)
-    onset = settings.onset
-    if onset == "image":
-        onset = bpy.path.abspath(settings.onset_image)
     return Plan(
         material_uid=material.session_uid,
         material_name=material.name,
@@ -84,7 +82,7 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
             "quality": settings.quality,
             "tolerance": settings.tolerance,
             "temporal_model": settings.temporal_model,
-            "onset": onset,
+            "onset": settings.onset,
             "specular": settings.specular,
             "format": "principled" if settings.format == "as-authored" else "principled-exact",
             "seed": settings.seed,
@@ -107,12 +105,8 @@ def why_not(material: bpy.types.Material, scene: bpy.types.Scene) -> str | None:
 def object_with(material: bpy.types.Material, scene: bpy.types.Scene) -> bpy.types.Object | None:
     """An object of the scene that shows `material`: one with UVs, and the active one, if it can."""
     active = bpy.context.view_layer.objects.active if bpy.context.view_layer else None
-    showing = [
-        obj
-        for obj in scene.objects
-        if any(slot.material == material for slot in obj.material_slots)
-    ]
-    return max(showing, key=lambda obj: (_has_uvs(obj), obj == active), default=None)
+    users = showing(material, scene)
+    return max(users, key=lambda obj: (_has_uvs(obj), obj == active), default=None)
 
 
 def _has_uvs(obj: bpy.types.Object) -> bool:
@@ -137,10 +131,8 @@ def _require_settings(material: bpy.types.Material, scene: bpy.types.Scene) -> P
             "This file is not saved yet, so its folder is unknown.",
             "Save it, or choose an absolute output folder.",
         )
-    if settings.onset == "image" and not settings.onset_image:
-        raise SettingsError(
-            "No start image is chosen.", "Choose one, or let ageing start in spots."
-        )
+    if reason := why_no_onset(material, scene):
+        raise SettingsError(reason)
     return model
 
 
@@ -231,38 +223,50 @@ class Run:
         yield
         yield
         with tempfile.TemporaryDirectory(prefix="tvbrdf-", ignore_cleanup_errors=True) as job:
-            reading = self._read(Path(job))
+            reading, request = self._read(Path(job))
             yield
             try:
                 if self._preview and reading.textures.pixels > 2 * PREVIEW_SIZE:
-                    yield from self._show_preview(Path(job), reading)
-                yield from self._compute(Path(job), reading)
+                    yield from self._show_preview(request, reading)
+                yield from self._compute(request, reading)
                 self._bind(reading)
             except BaseException:
                 self._take_preview_back()
                 raise
 
-    def _read(self, folder: Path) -> Reading:
+    def _read(self, folder: Path) -> tuple[Reading, dict[str, Any]]:
+        """What was read of the material, and the request with it."""
         # Only now: numpy, which it needs, has no part in drawing a panel.
+        from .material.onset_map import write_onset
         from .material.read import read
 
         scene = _by_uid(bpy.data.scenes, self.plan.scene_uid)
         obj = _by_uid(bpy.data.objects, self.plan.object_uid)
         if scene is None or (obj is None and self.plan.object_uid is not None):
             raise RunEndedError("The object that shows the material was deleted.")
+        material, frame = self._material(), self.plan.frame_start
+        maps = folder / "maps"
+        maps.mkdir()
         reading = read(
-            material=self._material(),
+            material=material,
             obj=obj,
             scene=scene,
-            folder=folder,
+            folder=maps,
             size=self.plan.size,
-            frame=self.plan.frame_start,
+            frame=frame,
         )
         self.warnings.extend(reading.warnings)
         self.size_reason = reading.textures.why
-        return reading
+        request = self.plan.request | {"input": str(maps)}
+        if is_invertible(material):
+            onset = write_onset(
+                material=material, scene=scene, reading=reading, folder=folder, frame=frame
+            )
+            self.warnings.extend(each for each in onset.warnings if each not in self.warnings)
+            request["onset"] = str(onset.path)
+        return reading, request
 
-    def _show_preview(self, folder: Path, reading: Reading) -> Iterator[None]:
+    def _show_preview(self, request: dict[str, Any], reading: Reading) -> Iterator[None]:
         from .material.bind import bind
 
         if is_aged(self._material()):
@@ -270,12 +274,8 @@ class Run:
         self.stage = "Making a preview"
         # Not beside the result, but as long as Blender lives: an undo may bring it back.
         place = Path(bpy.app.tempdir) / f"preview-{self.plan.material_uid}"
-        request = self.plan.request | {
-            "input": str(folder),
-            "output": str(place),
-            "size": PREVIEW_SIZE,
-            "quality": "draft",
-        }
+        quick = {"output": str(place), "size": PREVIEW_SIZE, "quality": "draft"}
+        request = request | quick
         for _ in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()
             yield
@@ -295,14 +295,10 @@ class Run:
         if material is not None:
             take_preview_back(material)
 
-    def _compute(self, folder: Path, reading: Reading) -> Iterator[None]:
+    def _compute(self, request: dict[str, Any], reading: Reading) -> Iterator[None]:
         self.stage = "Starting the worker"
         size = reading.textures.pixels if reading.uniform else max(reading.size)
-        request = self.plan.request | {
-            "input": str(folder),
-            "output": str(self.plan.folder),
-            "size": size,
-        }
+        request = request | {"output": str(self.plan.folder), "size": size}
         try:
             yield from self._listen(request)
         except WorkerError:

@@ -8,8 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
+from tests.blender.material_cases import pixels
 from tvbrdf.tvbrdf_addon.cli import main
 from tvbrdf.tvbrdf_addon.material.revert import is_aged
 
@@ -84,6 +86,52 @@ def test_what_was_asked_for_is_kept_in_the_material(folder: Path):
     assert (kept.onset, kept.format, kept.specular) == ("none", "as-authored", "mono")
 
 
+def test_the_start_is_an_image_or_an_attribute_inverted_or_not(folder: Path):
+    """Each time what is not named stays as it was, as with all other settings."""
+    kept = bpy.data.materials["Steel"].tvbrdf
+    bpy.data.objects["Plane"].data.color_attributes.new("Wear", "BYTE_COLOR", "CORNER")
+    bpy.data.images.new("Painted", 4, 4).pack()
+    mask = bpy.data.images.new("disk", 4, 4)
+    mask.save(filepath=str(folder / "mask.png"))
+    words = ["--material", "Steel", "--ntm", "rust", "--frames", "1-20", "--steps", "4"]
+
+    def start(*more: str) -> tuple[str, str, str, bool]:
+        assert main([*words, "--size", "16", *more]) == 0
+        image = kept.onset_image.name if kept.onset_image else ""
+        return kept.onset, image, kept.onset_attribute, kept.onset_invert
+
+    assert start("--onset", "mask.png") == ("image", "mask.png", "", False)
+    assert start("--onset", "//mask.png", "--onset-invert") == ("image", "mask.png", "", True)
+    assert start("--onset", "Painted") == ("image", "Painted", "", True)
+    assert start("--onset", "attribute:Wear") == ("attribute", "Painted", "Wear", True)
+    assert start("--no-onset-invert") == ("attribute", "Painted", "Wear", False)
+    assert start("--onset", "auto") == ("auto", "Painted", "Wear", False)
+
+
+@pytest.mark.slow
+def test_it_starts_where_it_was_painted(folder: Path, monkeypatch):
+    """With the real worker: what is white on the mesh, or inverted what is black, starts last."""
+    monkeypatch.delenv("TVBRDF_WORKER")
+    mesh = bpy.data.objects["Plane"].data
+    wear = mesh.color_attributes.new("Wear", "FLOAT_COLOR", "POINT")
+    for vertex, element in zip(mesh.vertices, wear.data, strict=True):
+        element.color = (*[(vertex.co.x + 1) / 2] * 3, 1)
+    changes = []
+    for output, invert in (("black", "--no-onset-invert"), ("white", "--onset-invert")):
+        words = ["--material", "Steel", *USUAL, "--onset", "attribute:Wear", "--output", output]
+        assert main([*words, invert]) == 0
+        maps = [pixels(folder / output / "Steel" / f"base_color_{i:04d}.exr") for i in (1, 2, 4)]
+        changes.append([np.abs(each - maps[0]).sum((0, 2)) for each in maps[1:]])
+    for early, last in changes:
+        assert early.shape == (16,)
+        assert last.max() > 1
+    (early, last), (early_inverted, last_inverted) = changes
+    assert (early[:5] > 0).all() and (early[6:] == 0).all(), "a third of the time has passed"
+    assert last[-1] < 0.6 * last[0]
+    np.testing.assert_array_equal(early_inverted[::-1], early)
+    np.testing.assert_allclose(last_inverted[::-1], last, atol=1e-3)
+
+
 def test_the_size_that_the_cameras_see_is_said(folder: Path, capfd):
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.data.type, camera.data.ortho_scale, camera.location.z = "ORTHO", 2.0, 3.0
@@ -119,6 +167,13 @@ def test_one_failure_does_not_keep_the_others_but_is_the_exit_code(folder: Path,
         ),
         (["--material", "Steel", "--ntm", "frost", "--frames", "1-9"], "no model called 'frost'"),
         (["--material", "Steel", *USUAL, "--save-as", "nowhere/x.blend"], "There is no folder"),
+        (["--material", "Steel", *USUAL, "--onset", "no.png"], "There is no file"),
+        (["--material", "Steel", *USUAL, "--onset", "file.blend"], "cannot be read as an image"),
+        (["--material", "Steel", *USUAL, "--onset-invert"], "There is no start image to invert"),
+        (
+            ["--material", "Steel", *USUAL, "--onset", "attribute:Wear"],
+            "“Plane” has no color attribute “Wear”: paint one in Vertex Paint mode.",
+        ),
     ],
 )
 def test_what_is_not_there_is_said_before_any_work(

@@ -47,7 +47,8 @@ def test_panel_is_drawn_and_clicked(tmp_path: Path) -> None:
         check=False,
     )
     assert run.returncode == 0, run.stdout
-    for shot in ("panel", "exact", "preview", "progress", "aged", "properties"):
+    starts = ("start_missing", "start_attribute", "start_new_image", "start_image")
+    for shot in ("panel", "exact", "preview", "progress", "aged", *starts, "properties"):
         assert (tmp_path / f"{shot}.png").stat().st_size > 10_000
 
 

@@ -5,9 +5,9 @@ At the end the command, as only Blender's own program dispatches it.
     windowed-blender windowed_panel.py EXCHANGE_FOLDER EXTENSION.zip
 
 The exchange folder must hold `stub_worker.py` and, in `site-packages`, numpy for Python 3.13.
-Leaves `panel.png` (before), `exact.png` (its warning), `preview.png`, `progress.png`, `aged.png`
-and `properties.png` there.  Clicks go to real pixels: buttons are found by giving them a colour
-that nothing else has.
+Leaves `panel.png` (before), `exact.png` (its warning), `preview.png`, `progress.png`, `aged.png`,
+`start_*.png` (an attribute or an image that says where) and `properties.png` there.  Clicks go to
+real pixels: buttons are found by giving them a colour that nothing else has.
 """
 
 from __future__ import annotations
@@ -260,6 +260,35 @@ def ends_on_loading() -> Steps:
     assert "another file" in outcome()
 
 
+def says_where_it_starts() -> Steps:
+    """The rows of the subpanel, in each state that they have."""
+    # No script can open one that was drawn closed.
+    closed = bpy.types.NODE_PT_tvbrdf_advanced
+    bpy.utils.unregister_class(closed)
+    bpy.utils.register_class(type("NODE_PT_tvbrdf_opened", (closed,), {"bl_options": set()}))
+    settings, mesh = material().tvbrdf, bpy.context.object.data
+    settings.onset = "attribute"
+    redraw()
+    yield DRAWN
+    shoot("start_missing")
+    mesh.color_attributes.new("Wear", "BYTE_COLOR", "CORNER")
+    mesh.color_attributes.active_color_name = settings.onset_attribute = "Wear"
+    settings.onset_invert = True
+    redraw()
+    yield DRAWN
+    shoot("start_attribute")
+    settings.onset = "image"
+    redraw()
+    yield DRAWN
+    shoot("start_new_image")
+    settings.onset_image = bpy.data.images.new("Rust Mask", 64, 64)
+    settings.onset_invert = False
+    redraw()
+    yield DRAWN
+    shoot("start_image")
+    settings.onset = "auto"
+
+
 def properties_editor() -> Steps:
     area = max(bpy.context.window.screen.areas, key=lambda area: area.width * area.height)
     area.ui_type = "PROPERTIES"
@@ -325,6 +354,7 @@ def everything() -> Steps:
     yield from ends_on_undo()
     yield from ends_on_deletion()
     yield from ends_on_loading()
+    yield from says_where_it_starts()
     yield from properties_editor()
     yield from command()
 

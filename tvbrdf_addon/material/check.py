@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from .onset import is_painted
 from .record import is_aged
 from .space import choose_space
 from .trace import SOCKETS, find_principled, input_socket, upstream
@@ -80,7 +81,7 @@ def _why_not_sockets(
                     f"The image “{node.image.name}” of {name} has UDIM tiles, which cannot be "
                     "aged: join them into one image."
                 )
-    space = choose_space(principled)
+    space = choose_space(principled, painted=is_painted(owner))
     textured = space.kind == "uniform" and material.tvbrdf.onset != "none"
     return why_no_uv(owner, obj) if space.reads_uv or textured else None
 

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from ..errors import MaterialError
 
-__all__ = ("image_pixels", "linear_color", "read_exr_texel", "resampled", "write_exr")
+__all__ = (
+    "image_pixels",
+    "in_file",
+    "linear_color",
+    "luminance",
+    "read_exr_texel",
+    "resampled",
+    "write_exr",
+)
 
 Array = NDArray[np.float32]
 
@@ -39,10 +47,30 @@ def linear_color(image: bpy.types.Image) -> tuple[Array, bool]:
     return _srgb_to_linear(color), darkens
 
 
+def in_file(image: bpy.types.Image) -> Array:
+    """An image's colour [H, W, 3] as its file holds it, or would once it is saved."""
+    color = np.ascontiguousarray(image_pixels(image)[..., :3])
+    # 16 bits: Blender has made them linear when it loaded them.
+    decoded = image.is_float and image.colorspace_settings.name == "sRGB"
+    return _linear_to_srgb(color) if decoded else color
+
+
+def luminance(pixels: Array) -> Array:
+    """What counts of a map [H, W, C] where a number is asked for, as in Cycles: [H, W]."""
+    grey = pixels.shape[-1] == 1 or (pixels == pixels[..., :1]).all()
+    return pixels[..., 0] if grey else pixels @ LUMINANCE  # grey stays exact
+
+
 def _srgb_to_linear(color: Array) -> Array:
     """IEC 61966-2-1."""
     high = ((np.maximum(color, 0.04045) + 0.055) / 1.055) ** 2.4
     return np.where(color <= 0.04045, color / 12.92, high).astype(np.float32)
+
+
+def _linear_to_srgb(color: Array) -> Array:
+    """IEC 61966-2-1."""
+    high = 1.055 * np.maximum(color, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(color <= 0.0031308, color * 12.92, high).astype(np.float32)
 
 
 def resampled(pixels: Array, size: tuple[int, int]) -> Array:

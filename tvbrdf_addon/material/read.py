@@ -15,8 +15,9 @@ from ..properties import frame_range
 from .bake import Target, bake_sockets
 from .cameras import FULL, TextureSize, all_the_cameras_see
 from .check import why_not
+from .onset import is_painted
 from .ownership import user_count
-from .pixels import LUMINANCE, Array, linear_color, resampled, write_exr
+from .pixels import Array, linear_color, luminance, resampled, write_exr
 from .revert import revert
 from .space import Sampling, Space, choose_space, is_constant, is_direct
 from .trace import SOCKETS, find_principled, input_socket, is_animated, resolve, upstream
@@ -68,9 +69,14 @@ def read(
         if reason:
             raise MaterialError(reason)
         _, principled = find_principled(copy)
-        space = choose_space(principled)
+        space = choose_space(principled, painted=is_painted(material))
         sockets = {name: input_socket(principled, each) for name, each in SOCKETS.items()}
         warnings = _warnings(sockets, space, material, frame)
+        if space.kind == "uv" and choose_space(principled).kind == "texture":
+            warnings.append(
+                f"The images of “{material.name}” are baked to the UV map, because what is painted "
+                "on the mesh cannot be moved or tiled with them."
+            )
         for socket in sockets.values():
             _check_images(socket)
         maps = {
@@ -174,8 +180,7 @@ def _converted(socket: bpy.types.NodeSocket, pixels: Array) -> Array:
     """Colours [H, W, 3] for colour sockets, numbers [H, W] for others, as Cycles converts them."""
     if socket.type == "RGBA":
         return np.broadcast_to(pixels, (*pixels.shape[:2], 3))
-    grey = pixels.shape[-1] == 1 or (pixels == pixels[..., :1]).all()
-    return pixels[..., 0] if grey else pixels @ LUMINANCE  # grey stays exact
+    return luminance(pixels)
 
 
 def _bounded(name: str, pixels: Array) -> Array:

@@ -60,8 +60,12 @@ class Space:
         return self.kind == "uv" or any(_looks_up_uv(node) for node in self.images)
 
 
-def choose_space(principled: bpy.types.Node) -> Space:
-    """The most general space in which the material's maps can be made without loss."""
+def choose_space(principled: bpy.types.Node, *, painted: bool = False) -> Space:
+    """The most general space in which the material's maps can be made without loss.
+
+    Where something `painted` on the mesh goes with them, images stay in their own space only if
+    that is the mesh's UV map, in which they may not be moved or tiled.
+    """
     sockets = [input_socket(principled, identifier) for identifier in SOCKETS.values()]
     images: dict[str, bpy.types.ShaderNodeTexImage] = {}
     derived = False
@@ -78,6 +82,8 @@ def choose_space(principled: bpy.types.Node) -> Space:
     nodes = tuple(images.values())
     looked_up = {_lookup(node) for node in nodes}
     if len(looked_up) > 1 or (derived and nodes[0].extension == "CLIP"):
+        return Space("uv")
+    if painted and not _is_on_the_uv_map(nodes[0]):
         return Space("uv")
     return Space("texture", nodes)
 
@@ -137,6 +143,10 @@ def _inside(group: bpy.types.Node, identifier: str) -> list[bpy.types.Node]:
 def _lookup(node: bpy.types.ShaderNodeTexImage) -> tuple[object, ...]:
     blend = node.projection_blend if node.projection == "BOX" else 0.0
     return (signature(node.inputs["Vector"]), node.projection, blend, node.extension)
+
+
+def _is_on_the_uv_map(node: bpy.types.ShaderNodeTexImage) -> bool:
+    return node.projection == "FLAT" and signature(node.inputs["Vector"]) == ("uv", "")
 
 
 def _looks_up_uv(node: bpy.types.ShaderNodeTexImage) -> bool:

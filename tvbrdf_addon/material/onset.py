@@ -1,0 +1,80 @@
+"""Whether the user says when each texel starts to age, and where.  Cheap: panels call it."""
+
+from __future__ import annotations
+
+import bpy
+
+__all__ = ("bearers", "is_invertible", "is_painted", "showing", "why_no_onset")
+
+
+def is_painted(material: bpy.types.Material) -> bool:
+    """Whether a color attribute of the mesh says when each texel starts."""
+    return material.tvbrdf.onset == "attribute"
+
+
+def is_invertible(material: bpy.types.Material) -> bool:
+    """Whether the start comes in shades, which may mean this or the opposite."""
+    return material.tvbrdf.onset in ("attribute", "image")
+
+
+def showing(material: bpy.types.Material, scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The objects of the scene that show `material`."""
+    return [
+        obj
+        for obj in scene.objects
+        if any(slot.material == material for slot in obj.material_slots)
+    ]
+
+
+def bearers(
+    material: bpy.types.Material, scene: bpy.types.Scene, name: str
+) -> list[bpy.types.Object]:
+    """Those of them that have UVs and a color attribute of that name."""
+    return [obj for obj in showing(material, scene) if _bears(obj, name) and obj.data.uv_layers]
+
+
+def why_no_onset(material: bpy.types.Material, scene: bpy.types.Scene) -> str | None:
+    """One sentence why nothing can be read from what `material` says of its start, or None."""
+    settings = material.tvbrdf
+    if settings.onset == "image":
+        return _why_no_image(settings.onset_image)
+    if settings.onset != "attribute":
+        return None
+    name = settings.onset_attribute
+    if not name:
+        return "No color attribute is chosen: choose one, or let ageing start in spots."
+    objects = showing(material, scene)
+    if not objects or bearers(material, scene, name):
+        return None  # without objects there are no UVs either, and that is said first
+    return _why_no_attribute(objects, name)
+
+
+def _why_no_image(image: bpy.types.Image | None) -> str | None:
+    if image is None:
+        return "No start image is chosen: choose one, or let ageing start in spots."
+    if image.source == "TILED":
+        return f"The start image “{image.name}” has UDIM tiles: join them into one image."
+    if image.source not in ("FILE", "GENERATED"):
+        return f"The start image “{image.name}” is no still image: choose one that is."
+    return None
+
+
+def _why_no_attribute(objects: list[bpy.types.Object], name: str) -> str:
+    bearing = next((obj for obj in objects if _bears(obj, name)), None)
+    if bearing is not None:
+        return f"The mesh of “{bearing.name}” has no UV map: unwrap it (UV > Smart UV Project)."
+    meshes = [obj for obj in objects if obj.type == "MESH"]
+    other = next((obj for obj in meshes if name in obj.data.attributes), None)
+    if other is not None:
+        return (
+            f"“{name}” of “{other.name}” is no color attribute: convert it under Object Data > "
+            "Attributes, to Color on Vertex or Face Corner."
+        )
+    who = f"“{objects[0].name}” has no" if len(objects) == 1 else "No object that shows this has a"
+    there = sorted({each.name for obj in meshes for each in obj.data.color_attributes})
+    hint = f"there is {', '.join(there[:5])}" if there else "paint one in Vertex Paint mode"
+    return f"{who} color attribute “{name}”: {hint}."
+
+
+def _bears(obj: bpy.types.Object, name: str) -> bool:
+    return obj.type == "MESH" and name in obj.data.color_attributes
