@@ -5,7 +5,6 @@ writing.
 from __future__ import annotations
 
 import dataclasses
-import math
 import shlex
 import sys
 import time
@@ -22,27 +21,24 @@ from torch import Tensor
 from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
-from .compose import AgedTexels
 from .errors import Cancelled, InputError
-from .histories import Histories, fit_measured, roll_out
-from .images import Compression, read_image, resize
+from .histories import CPU, fit_measured
+from .images import read_image, resize
 from .inputs import Material, hash_file, hash_input, read_input
 from .maps import PrincipledMaps, TorranceSparrowMaps
+from .modelling import EFFORTS, Effort, model_texels
 from .onset import onset_map, rate_map
 from .package import ENCODER, find_model
-from .plan import Palette, appearance_psnr, build_palette
 from .representation import load_representation
-from .representation.latents import Representation
 from .result import StagedResult, check_space
+from .savings import savings
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
 from .writing import Format, maps_of, write_frames, write_stored_frames
 
-__all__ = ("AgeRequest", "Reporter", "age")
+__all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
 _UNIFORM_SIZE = 512
-_WORTHWHILE = 1.0  # dB that finer cells must gain to be made finer still
-_CHECKED = 128  # texels on which a palette is compared with each modelled for itself
 _BYTES_PER_TEXEL = 12  # of a frame's half-float maps, compressed or not
 
 
@@ -75,25 +71,6 @@ class Reporter(Protocol):
     def cancelled(self) -> bool: ...
 
 
-@dataclass(frozen=True)
-class _Effort:
-    """What a quality means: width of a palette's cells, most entries, samples for the encoder where
-    it is not to take a short cut from the parameters, and what is spent on making files small.
-    """
-
-    step: float
-    most: int
-    samples: int | None
-    compression: Compression
-
-
-_EFFORTS = {
-    "draft": _Effort(step=0.12, most=256, samples=None, compression="none"),
-    "balanced": _Effort(step=0.05, most=2048, samples=None, compression="zip"),
-    "exact": _Effort(step=0.0, most=0, samples=16_200, compression="zip"),
-}
-
-
 @dataclass
 class _Run:
     """One run's request, listener, clock and what it has to say at the end."""
@@ -120,15 +97,16 @@ class _Run:
         self.seconds[stage] = round(time.perf_counter() - start, 3)
 
 
-def age(request: AgeRequest, reporter: Reporter) -> dict[str, Any]:
+def age(request: AgeRequest, reporter: Reporter, effort: Effort | None = None) -> dict[str, Any]:
     """Age a material and write its maps; returns the content of `aged.json`.
 
-    Frame 1 is the input. Raises a kind of TvbrdfError with a sentence for the user where anything
-    is wrong; the output folder then holds what it held before.
+    `effort` is that of the request's quality unless it is given. Frame 1 is the input. Raises a
+    kind of TvbrdfError with a sentence for the user where anything is wrong; the output folder then
+    holds what it held before.
     """
     run = _Run(request, reporter)
     with torch.inference_mode(), _one_thread():
-        return _age(run)
+        return _age(run, effort or EFFORTS[request.quality])
 
 
 @contextmanager
@@ -142,7 +120,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _age(run: _Run) -> dict[str, Any]:
+def _age(run: _Run, effort: Effort) -> dict[str, Any]:
     request = run.request
     run.progress("reading", 0.0)
     with run.timed("read"):
@@ -150,33 +128,36 @@ def _age(run: _Run) -> dict[str, Any]:
         representation, identity = load_representation()
         ntm = NeuralTemporalModel.load(ntm_path, identity)
         material = read_input(request.input, size=request.size)
-        initial, size, fit_error = _initial(material, request)
+        initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
-        onset, rate = _timing(request, ntm, size)
+        onset, rate = timing_maps(request, ntm, size)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], 7)
     check_space(request.output, size[0] * size[1] * request.frames * _BYTES_PER_TEXEL)
     with run.timed("model"):
         rung = _rung(run, ntm, initial)
-        gain = torch.ones_like(ntm.affine.gain) if rung == "constant" else ntm.affine.gain
-        palette, histories = _model(run, initial, ntm, rung, gain, representation, material)
-    aged = AgedTexels(
-        initial,
-        palette,
-        histories,
-        gain,
-        None if onset is None else torch.from_numpy(onset.reshape(-1)),
-        None if rate is None else torch.from_numpy(rate.reshape(-1)),
-    )
-    if onset is None and ntm.timing is not None:
-        aged = aged.averaged(torch.from_numpy(ntm.timing.mean_of_ages(ntm.frames)))
+        aged = model_texels(
+            initial,
+            ntm,
+            rung,
+            representation,
+            effort,
+            onset=None if onset is None else torch.from_numpy(onset.reshape(-1)),
+            rate=None if rate is None else torch.from_numpy(rate.reshape(-1)),
+            tolerance=request.tolerance,
+            specular=request.specular,
+            measured=material if isinstance(material, MeasuredBRDF) else None,
+            device=_device(),
+            step=lambda share: run.progress("modelling the change", 0.05 + 0.35 * share),
+            warn=run.warn,
+        )
+    palette, histories = aged.palette, aged.histories
     times = np.linspace(0, 1, request.frames).tolist()
     wanted = request.format or (
         "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
     )
-    compression = _EFFORTS[request.quality].compression
-    with StagedResult(request.output, compression=compression) as staged:
+    with StagedResult(request.output, compression=effort.compression) as staged:
         with run.timed("write"):
             maps = maps_of(aged, material, size, wanted, times)
             if maps.format != wanted:
@@ -205,6 +186,7 @@ def _age(run: _Run) -> dict[str, Any]:
             "quality": request.quality,
             "temporal_model": rung,
             "palette": len(palette.entries),
+            "plan": savings(texels=len(initial), modelled=len(palette.entries), files=files),
             "fit_error": round(max(fit_error, histories.fit_error), 6),
             "warnings": run.warnings,
             "seconds": run.seconds,
@@ -225,7 +207,9 @@ def _age(run: _Run) -> dict[str, Any]:
     return report
 
 
-def _initial(material: Material, request: AgeRequest) -> tuple[Tensor, tuple[int, int], float]:
+def initial_states(
+    material: Material, request: AgeRequest
+) -> tuple[Tensor, tuple[int, int], float]:
     """Parameters [n, 7] of every texel at t = 0, the size in texels, and the error of the fit."""
     if isinstance(material, MeasuredBRDF):
         parameters, error = fit_measured(material, request.specular)
@@ -238,7 +222,7 @@ def _initial(material: Material, request: AgeRequest) -> tuple[Tensor, tuple[int
     return torch.from_numpy(flat.reshape(-1, 7)), maps.size, 0.0
 
 
-def _timing(
+def timing_maps(
     request: AgeRequest, ntm: NeuralTemporalModel, size: tuple[int, int]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """When each texel's history starts, 0 to 1, and how fast it runs: [H, W] each.
@@ -290,65 +274,9 @@ def _rung(run: _Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
     return ntm.chosen
 
 
-def _model(
-    run: _Run,
-    initial: Tensor,
-    ntm: NeuralTemporalModel,
-    rung: str,
-    gain: Tensor,
-    representation: Representation,
-    material: Material,
-) -> tuple[Palette, Histories]:
-    """A palette of the texels and its histories, as fine as the tolerance needs.
-
-    A few texels are also modelled each for itself; where the palette misses them by more than the
-    tolerance, its cells are halved as long as that helps, and what is still missing is said. A
-    draft is not checked.
-    """
-    effort = _EFFORTS[run.request.quality]
-    options = {
-        "samples": effort.samples,
-        "specular": run.request.specular,
-        "measured": material if isinstance(material, MeasuredBRDF) else None,
-    }
-
-    def step(fraction: float) -> None:
-        run.progress("modelling the change", 0.05 + 0.35 * fraction)
-
-    def modelled(palette: Palette) -> Histories:
-        return roll_out(palette.entries, ntm, rung, representation, step=step, **options)
-
-    if bool((initial == initial[0]).all()):
-        palette = Palette(initial[:1].clone(), torch.zeros(len(initial), dtype=torch.long))
-        return palette, modelled(palette)
-    palette = build_palette(initial, effort.step, most=effort.most)
-    histories = modelled(palette)
-    if run.request.quality != "balanced":
-        return palette, histories
-    rows = torch.linspace(0, len(initial) - 1, min(_CHECKED, len(initial))).long()
-    own = Palette(initial[rows], torch.arange(len(rows)))
-    truth = AgedTexels(own.entries, own, modelled(own), gain, None)
-
-    def reached() -> float:
-        shared = Palette(palette.entries, palette.index[rows])
-        estimate = AgedTexels(own.entries, shared, histories, gain, None)
-        return min(appearance_psnr(truth.at(t), estimate.at(t)) for t in (0.1, 0.3, 0.6, 1.0))
-
-    psnr, gained, cells = reached(), math.inf, effort.step
-    while psnr < run.request.tolerance and gained > _WORTHWHILE:
-        cells /= 2
-        finer = build_palette(initial, cells, most=effort.most)
-        if len(finer.entries) <= len(palette.entries):
-            break
-        palette, histories = finer, modelled(finer)
-        before, psnr = psnr, reached()
-        gained = psnr - before
-    if psnr < run.request.tolerance:
-        run.warn(
-            f"Modelling few materials reaches {psnr:.0f} of the {run.request.tolerance:g} dB asked "
-            "for; choose quality exact to model every texel."
-        )
-    return palette, histories
+def _device() -> torch.device:
+    """CUDA's where there is one. Apple's GPUs are not used: the fit needs double precision."""
+    return torch.device("cuda") if torch.cuda.is_available() else CPU
 
 
 def command_line(request: AgeRequest) -> str:

@@ -94,11 +94,8 @@ def _age(arguments: argparse.Namespace) -> None:
         return
     seconds = sum(aged["seconds"].values())
     height, width = aged["size"]
-    print(
-        f"{aged['frames']} frames of {width} x {height} in {seconds:.1f} s: {arguments.output}",
-        file=stdout,
-        flush=True,
-    )
+    done = f"{aged['frames']} frames of {width} x {height} in {seconds:.1f} s: {arguments.output}"
+    print(*aged["plan"], done, sep="\n", file=stdout, flush=True)
 
 
 def _info(arguments: argparse.Namespace) -> None:

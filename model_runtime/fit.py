@@ -12,13 +12,23 @@ from torch import Tensor
 from .brdf.half_angle import above_horizon, cosines
 from .brdf.torrance_sparrow import ALPHA_MIN, specular_lobe
 
-__all__ = ("Fit", "fit_angles", "fit_torrance_sparrow")
+__all__ = ("USUAL", "Fit", "FitEffort", "fit_angles", "fit_torrance_sparrow")
 
 Specular = Literal["rgb", "mono"]
 
-_GRID = 40
-_REFINEMENTS = 5
 _CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class FitEffort:
+    """How many alphas are tried, how often the best is refined, and in which precision."""
+
+    candidates: int = 40
+    refinements: int = 5
+    precision: torch.dtype = torch.float64
+
+
+USUAL = FitEffort()
 
 
 @dataclass(frozen=True)
@@ -111,28 +121,31 @@ def _solve(
 
 
 def fit_torrance_sparrow(
-    f: Tensor, angles: Tensor | None = None, *, specular: Specular = "rgb"
+    f: Tensor,
+    angles: Tensor | None = None,
+    *,
+    specular: Specular = "rgb",
+    effort: FitEffort = USUAL,
 ) -> Fit:
     """Fit N BRDFs given as `f` [N, M, 3] per steradian at `angles` [M, 3] (`fit_angles()`).
 
     Least squares of the relative error. For a given alpha, Kd and Ks are linear and solved in
-    closed form with Kd, Ks >= 0; alpha is found on a logarithmic grid of 40 and refined by
+    closed form with Kd, Ks >= 0; alpha is found on a logarithmic grid (of 40) and refined by
     Gauss-Newton steps. Samples that are not finite are left out. With "mono", one Ks serves all
     channels.
     """
     angles = fit_angles() if angles is None else angles
     parts = [
-        _fit_chunk(f[start : start + _CHUNK], angles, specular)
+        _fit_chunk(f[start : start + _CHUNK], angles, specular, effort)
         for start in range(0, len(f), _CHUNK)
     ]
     return Fit(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 
 def _fit_chunk(
-    f: Tensor, angles: Tensor, specular: Specular
+    f: Tensor, angles: Tensor, specular: Specular, effort: FitEffort
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    f = f.double()
-    angles = angles.double()
+    f, angles = f.to(effort.precision), angles.to(effort.precision)
     finite = torch.isfinite(f).all(-1)
     f = torch.where(finite[..., None], f, torch.zeros_like(f)).clamp_min(0)
     cos_i, cos_o, _, _ = cosines(angles)
@@ -141,7 +154,7 @@ def _fit_chunk(
     weights = finite * (cos_i * cos_o).clamp(0, 1) / (brightness + floor).square()
     moments = _Moments.of(f, weights)
 
-    grid = torch.linspace(math.log(ALPHA_MIN), 0, _GRID, dtype=f.dtype)
+    grid = torch.linspace(math.log(ALPHA_MIN), 0, effort.candidates, dtype=f.dtype, device=f.device)
     lobes = specular_lobe(grid.exp(), angles)
     cross = weights @ lobes.T / math.pi
     square = weights @ lobes.square().T
@@ -162,8 +175,8 @@ def _fit_chunk(
 
     lobe = specular_lobe(log_alpha.exp(), angles)
     kd, ks, best = solve(lobe)
-    reach = torch.full_like(best, float(grid[1] - grid[0]))
-    for _ in range(_REFINEMENTS):
+    reach = torch.full_like(best, -math.log(ALPHA_MIN) / (effort.candidates - 1))
+    for _ in range(effort.refinements):
         step = _gauss_newton_step(f, weights, kd, ks, lobe, log_alpha, angles)
         trial_alpha = (log_alpha + step.clamp(-reach, reach)).clamp(math.log(ALPHA_MIN), 0)
         trial_lobe = specular_lobe(trial_alpha.exp(), angles)
@@ -175,7 +188,8 @@ def _fit_chunk(
         ks = torch.where(better[:, None], trial_ks, ks)
         best = torch.where(better, trial, best)
         reach = torch.where(better, reach, reach / 4)
-    scale = moments.square.sum(-1).clamp_min(1e-300)
+    tiny = torch.finfo(effort.precision).tiny
+    scale = moments.square.sum(-1).clamp_min(tiny)
     relative = (best.clamp_min(0) / scale).sqrt()
     return kd.float(), ks.float(), log_alpha.exp().float(), relative.float()
 
@@ -192,16 +206,14 @@ def _gauss_newton_step(
     """Change [N] of log alpha that lowers the error most, Kd and Ks following (variable
     projection).
     """
-    nudge = 1e-4
+    nudge, tiny = 1e-4, torch.finfo(f.dtype).tiny
     slope = (specular_lobe((log_alpha + nudge).exp(), angles) - lobe) / nudge
     a = weights.sum(1)
     mean_lobe = (weights * lobe).sum(1, keepdim=True) / a[:, None]
     mean_slope = (weights * slope).sum(1, keepdim=True) / a[:, None]
     centred, moved = lobe - mean_lobe, slope - mean_slope
-    along = (weights * centred * moved).sum(1) / (weights * centred.square()).sum(1).clamp_min(
-        1e-300
-    )
+    along = (weights * centred * moved).sum(1) / (weights * centred.square()).sum(1).clamp_min(tiny)
     moved = moved - along[:, None] * centred
     missing = f - kd[:, None] / math.pi - ks[:, None] * lobe[..., None]
     gain = torch.einsum("nm,nmc,nc->n", weights * moved, missing, ks)
-    return gain / ((weights * moved.square()).sum(1) * ks.square().sum(1)).clamp_min(1e-300)
+    return gain / ((weights * moved.square()).sum(1) * ks.square().sum(1)).clamp_min(tiny)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,12 +12,14 @@ from torch import Tensor
 
 from .brdf.measured import MeasuredBRDF
 from .brdf.torrance_sparrow import evaluate
-from .fit import fit_angles, fit_torrance_sparrow
+from .fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from .plan import clamp_parameters
 from .representation.latents import Latents, Representation
 from .temporal.ntm import NeuralTemporalModel
 
-__all__ = ("Histories", "fit_measured", "roll_out")
+__all__ = ("CPU", "Histories", "fit_measured", "roll_out")
+
+CPU = torch.device("cpu")
 
 _BRIGHTEST = 3.0
 _CHUNK = 256
@@ -50,25 +53,31 @@ def roll_out(
     representation: Representation,
     *,
     samples: int | None = None,
+    fit: FitEffort = USUAL,
     specular: Literal["rgb", "mono"] = "rgb",
     measured: MeasuredBRDF | None = None,
+    device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
 ) -> Histories:
     """The histories of `entries` [P, 7] under the model of change `rung` of `ntm`.
 
     Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
     `samples` directions of them where that is given (`measured`, then the only entry, always is
-    sampled), rolled out, decoded and fitted at every age. `step` hears which share is done.
+    sampled), rolled out, decoded and fitted with the effort `fit` at every age: on `device`, for
+    that is what takes time. `step` hears which share is done.
     """
-    model = ntm.rung(rung)
+    model, decoder = ntm.rung(rung), representation
+    if rung == "lstm_latents" and device != CPU:
+        model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation).to(device)
     parts, errors = [], [0.0]
     for start, stop in _chunks(len(entries)):
         chunk = entries[start:stop]
         if rung == "lstm_latents":
-            latents = _encode(chunk, representation, samples, measured)
+            latents = _encode(chunk, representation, samples, measured).to(device)
             flat = model.rollout(latents.flat(), ntm.frames)
-            states, error = _decode_and_fit(latents, flat, representation, specular)
-            errors.append(error)
+            states, error = _decode_and_fit(latents, flat, decoder, specular, fit)
+            states = states.to(CPU)
+            errors.append(float(error))
         else:
             states = model.rollout(chunk, ntm.frames)
             if specular == "mono":
@@ -114,12 +123,16 @@ def _encode(
 
 
 def _decode_and_fit(
-    latents: Latents, flat: Tensor, representation: Representation, specular: Literal["rgb", "mono"]
-) -> tuple[Tensor, float]:
-    """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error of the
+    latents: Latents,
+    flat: Tensor,
+    representation: Representation,
+    specular: Literal["rgb", "mono"],
+    effort: FitEffort,
+) -> tuple[Tensor, Tensor]:
+    """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error [] of the
     fit.
     """
-    angles = fit_angles()
+    angles = fit_angles().to(flat.device)
     decoded = representation.decode(latents.unflat(flat), angles)
-    fit = fit_torrance_sparrow(decoded, angles, specular=specular)
-    return fit.parameters().unflatten(0, flat.shape[:2]), float(fit.error.max())
+    fit = fit_torrance_sparrow(decoded, angles, specular=specular, effort=effort)
+    return fit.parameters().unflatten(0, flat.shape[:2]), fit.error.max()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -80,11 +80,13 @@ class FrameMaps:
             )
         )
 
-    def sampled(self, seed: int) -> FrameMaps:
-        """The same at `_SAMPLE` random texels, as an image one texel wide."""
+    def sampled(self, seed: int, *, also: Sequence[int] = ()) -> FrameMaps:
+        """The same at `_SAMPLE` random texels and those numbered in `also`, as an image one texel
+        wide.
+        """
         count = self.size[0] * self.size[1]
         rng = np.random.default_rng(seed)
-        rows = np.sort(rng.choice(count, min(count, _SAMPLE), replace=False))
+        rows = np.union1d(rng.choice(count, min(count, _SAMPLE), replace=False), also).astype(int)
         authored = None
         if self.authored is not None:
             authored = self.authored.map(
@@ -205,9 +207,10 @@ def write_stored_frames(
     """Write only the frames that others do not make up; returns, per map and frame, what makes it.
 
     A frame is left out where interpolation between its stored neighbours gives its map within
-    `tolerance` dB (PSNR against 1) on a random sample of texels.
+    `tolerance` dB (`plan.stored_frames`) on a random sample of texels and, that no small spot be
+    overlooked, the one of each map that changes most.
     """
-    sample = maps.sampled(seed)
+    sample = maps.sampled(seed, also=_most_changed(maps.at(times[0]), maps.at(times[-1])))
     looks = [sample.at(time) for time in times]
     stored: dict[str, Stored] = {
         name: stored_frames(
@@ -226,6 +229,13 @@ def write_stored_frames(
         name: [[[file_name(name, k), weight] for k, weight in mix] for mix in kept.mix]
         for name, kept in stored.items()
     }
+
+
+def _most_changed(first: Mapping[str, Halves], last: Mapping[str, Halves]) -> list[int]:
+    """The texel of each map in which two frames differ most."""
+
+    changes = (np.abs(last[name].astype(np.float32) - first[name]) for name in first)
+    return [int(each.reshape(*each.shape[:2], -1).max(-1).argmax()) for each in changes]
 
 
 def file_name(map_name: str, k: int) -> str:

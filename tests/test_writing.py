@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -9,9 +11,11 @@ import torch
 from model_runtime.brdf import principled
 from model_runtime.compose import AgedTexels
 from model_runtime.histories import Histories
+from model_runtime.images import read_image
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.plan import Palette
-from model_runtime.writing import FrameMaps, maps_of
+from model_runtime.result import StagedResult
+from model_runtime.writing import FrameMaps, maps_of, write_stored_frames
 
 SIZE = (70, 1000)  # three bands, the last one shorter
 TIMES = (0.0, 0.2, 0.7, 1.0)
@@ -114,3 +118,23 @@ def test_sampled_texels_are_those_of_the_whole() -> None:
         np.testing.assert_array_equal(
             pixels[:, 0], maps.at(0.6)[name].reshape(15, *pixels.shape[2:])
         )
+
+
+def test_a_spot_that_no_sample_meets_is_stored_all_the_same(tmp_path: Path) -> None:
+    texels = ageing(authored((300, 300)))
+    spot = 12_345
+    assert texels.onset is not None
+    texels.onset[:] = 1
+    texels.onset[spot] = 0
+    maps = FrameMaps(texels, (300, 300), "torrance-sparrow", None)
+    for seed in range(3):
+        with StagedResult(tmp_path / str(seed)) as staged:
+            files = write_stored_frames(
+                maps, staged, (0.0, 0.5, 1.0), lambda _: None, tolerance=45, seed=seed
+            )
+            staged.commit({"files": files})
+        first, last = (
+            read_image(tmp_path / str(seed) / f"kd_000{k}.exr", color=True).reshape(-1, 3)[spot]
+            for k in (1, 3)
+        )
+        assert (first != last).any()

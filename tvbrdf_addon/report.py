@@ -70,17 +70,9 @@ def _read(path: Path, _written: int) -> Report:
         temporal_model=str(aged["temporal_model"]),
         asked=_MODEL_OPTION in words and words[words.index(_MODEL_OPTION) + 1] != "auto",
         sentences=(
-            _palette(int(aged["palette"]), height * width),
+            *map(str, aged["plan"]),
             f"{frames} frame{'s' * (frames > 1)} of {width} x {height} px, {in_bytes(stored)}, "
             f"in {in_time(seconds)} at quality {str(aged['quality']).capitalize()}.",
         ),
         warnings=tuple(map(str, aged["warnings"])),
     )
-
-
-def _palette(modelled: int, texels: int) -> str:
-    if texels == 1:
-        return "Modelled one BRDF: the material is the same all over."
-    if modelled >= texels:
-        return f"Modelled every one of {texels:,} BRDFs."
-    return f"Modelled {modelled:,} distinct BRDF{'s' * (modelled > 1)} instead of {texels:,}."

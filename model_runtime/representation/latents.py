@@ -26,6 +26,10 @@ class Latents:
         """[N, 3 k + d], colour first."""
         return torch.cat((self.color.flatten(1), self.shared), 1)
 
+    def to(self, device: torch.device) -> Latents:
+        """The same on another device."""
+        return Latents(self.color.to(device), self.shared.to(device))
+
     def unflat(self, flat: Tensor) -> Latents:
         """The inverse of `flat` for vectors [..., 3 k + d] laid out as these latents are."""
         split = self.color.shape[1] * self.color.shape[2]

@@ -20,6 +20,7 @@ from tests.blender.material_cases import (
     render,
     snapshot,
     view_from_above,
+    write_map,
     write_result,
 )
 
@@ -73,14 +74,15 @@ def test_age_is_a_keyed_value_and_drivers_are_simple(tmp_path):
     assert age.type == "VALUE"
     assert age.label == "Age"
     drivers = material.node_tree.animation_data.drivers
-    assert len(drivers) == 4
+    assert len(drivers) == 4 * 3
     assert all(each.driver.is_simple_expression for each in drivers)
 
 
 @pytest.mark.parametrize(
-    ("frame", "shown"), [(-20, 1), (1, 1), (2, 1), (4, 2), (7, 3), (10, 4), (400, 4)]
+    ("frame", "shown"),
+    [(-20, 1), (1, 1), (2, 4 / 3), (4, 2), (6, 8 / 3), (7, 3), (10, 4), (400, 4)],
 )
-def test_the_frame_shown_follows_age_and_holds_outside_the_range(tmp_path, frame, shown):
+def test_what_is_shown_follows_age_and_holds_outside_the_range(tmp_path, frame, shown):
     material = new_material()
     procedural(material)
     obj = plane(material)
@@ -89,6 +91,44 @@ def test_the_frame_shown_follows_age_and_holds_outside_the_range(tmp_path, frame
     emitting(material)
     picture = render(tmp_path / "shown.exr", frame, size=4, samples=1)
     np.testing.assert_allclose(picture, shown / 4, rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "stored", [(0, 9), (0, 2, 9), (0, 1, 5, 9), (0, 3, 4, 8, 9), tuple(range(10))]
+)
+def test_frames_that_are_not_stored_lie_between_those_that_are(tmp_path, stored):
+    """Every whole and half modelled frame shows what `aged.json` says, frame 4.5 its middle."""
+    import json
+
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    view_from_above()
+    folder = made_up(tmp_path / "aged", count=10)
+    values = np.interp(np.arange(0, 9.5, 0.5), stored, [(k % 4 + 1) / 10 for k in stored])
+    data = json.loads((folder / "aged.json").read_text())
+    mixes = []
+    for k in range(10):
+        start = max(i for i, each in enumerate(stored) if each <= k)
+        share = (
+            (k - stored[start]) / (stored[start + 1] - stored[start])
+            if start < len(stored) - 1
+            else 0
+        )
+        pair = [[f"base_color_{stored[start] + 1:04d}.exr", 1 - share]]
+        mixes.append(
+            pair + ([[f"base_color_{stored[start + 1] + 1:04d}.exr", share]] if share else [])
+        )
+    data["files"]["base_color"] = mixes
+    (folder / "aged.json").write_text(json.dumps(data))
+    for k in range(10):
+        file = folder / f"base_color_{k + 1:04d}.exr"
+        file.unlink() if k not in stored else write_map(file, np.full((4, 4, 3), (k % 4 + 1) / 10))
+    bind(material, obj, folder, tmp_path, span=(1, 19))
+    emitting(material)
+    for i, value in enumerate(values):
+        picture = render(tmp_path / "shown.exr", i + 1, size=2, samples=1)
+        np.testing.assert_allclose(picture, value, rtol=2e-3, err_msg=f"frame {i / 2}")
 
 
 def test_moving_the_keys_of_age_retimes(tmp_path):
@@ -166,9 +206,10 @@ def test_images_keep_their_mapping(tmp_path):
     tree.links.new(mapping.outputs[0], texture.inputs[0])
     link(material, texture.outputs[0], "Base Color")
     bind(material, plane(material), made_up(tmp_path / "aged"), tmp_path)
-    played = sockets_of(material)["Base Color"].links[0].from_node
-    assert played.inputs["Vector"].links[0].from_node == mapping
-    assert (played.extension, played.interpolation) == ("EXTEND", "Closest")
+    fade = sockets_of(material)["Base Color"].links[0].from_node
+    for played in (each.links[0].from_node for each in fade.inputs if each.is_linked):
+        assert played.inputs["Vector"].links[0].from_node == mapping
+        assert (played.extension, played.interpolation) == ("EXTEND", "Closest")
 
 
 def test_paths_are_relative_to_a_saved_file(tmp_path):
@@ -209,7 +250,7 @@ def test_ageing_again_starts_from_the_original_and_leaves_no_images(tmp_path):
     bind(material, obj, made_up(tmp_path / "one"), tmp_path)
     images = len(bpy.data.images)
     bind(material, obj, made_up(tmp_path / "two", "torrance-sparrow"), tmp_path)
-    assert len(bpy.data.images) == images - 1  # four maps, then three
+    assert len(bpy.data.images) == images - 2  # four maps, then three, two textures each
     revert(material)
     assert snapshot(material) == before
 
@@ -226,7 +267,7 @@ def test_a_copy_of_an_aged_material_reverts_alone(tmp_path):
     assert snapshot(material) == aged
 
 
-@pytest.mark.parametrize("spoil", ["missing", "sparse", "format", "damaged", "no json"])
+@pytest.mark.parametrize("spoil", ["missing", "mixes", "format", "damaged", "no json"])
 def test_a_bad_result_is_refused_and_changes_nothing(tmp_path, spoil):
     import json
 
@@ -239,8 +280,8 @@ def test_a_bad_result_is_refused_and_changes_nothing(tmp_path, spoil):
     data = json.loads((folder / "aged.json").read_text())
     if spoil == "missing":
         (folder / "roughness_0003.exr").unlink()
-    elif spoil == "sparse":
-        data["files"]["roughness"] = [[["roughness_0001.exr", 1.0]]] * 4
+    elif spoil == "mixes":
+        data["files"]["roughness"] = [[["metallic_0001.exr", 1.0]]] * 4
     elif spoil == "format":
         data["format"] = "spectral"
     (folder / "aged.json").write_text("{" if spoil == "damaged" else json.dumps(data))

@@ -21,7 +21,7 @@ from tests.blender.test_bind import bind, emitting
 pytestmark = pytest.mark.usefixtures("empty_scene")
 
 
-@pytest.mark.parametrize(("frame", "shown"), [(1, 1), (4, 2), (10, 4), (99, 4)])
+@pytest.mark.parametrize(("frame", "shown"), [(1, 1), (2, 4 / 3), (4, 2), (10, 4), (99, 4)])
 def test_the_frame_stays_whatever_the_time(tmp_path, frame, shown):
     from tvbrdf.tvbrdf_addon.material.freeze import freeze
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import bpy
 
@@ -122,22 +123,27 @@ def remove_keys(tree: bpy.types.NodeTree, path: str) -> None:
 
 
 def drive_by_age(
-    node: bpy.types.ShaderNodeTexImage,
+    driven: bpy.types.bpy_struct,
+    path: str,
+    points: Sequence[tuple[int, float]],
+    interpolation: Literal["CONSTANT", "LINEAR"],
+    *,
     age: bpy.types.NodeSocket,
-    frames: int,
+    last: int,
     material: bpy.types.Material,
 ) -> None:
-    """Makes an image sequence show file number 1 + round(age (frames - 1)), whatever the frame.
+    """Drives the property `path` of `driven` along a curve through `points`.
 
-    The expression is a simple one: Blender evaluates it without Python, so it also works in a file
-    whose scripts may not run.  A cyclic sequence of length 1 is at its only frame at any time.
+    A point is a modelled frame, from 0 at Age 0 to `last` at Age 1, and the value from there on or
+    there.  The expression is a simple one: Blender evaluates it, and the curve, without Python, so
+    it also works in a file whose scripts may not run.
     """
-    user = node.image_user
-    user.frame_start = 1
-    user.frame_duration = 1
-    user.use_cyclic = True
-    user.use_auto_refresh = True
-    driver = user.driver_add("frame_offset").driver
+    curve = driven.driver_add(path)
+    for modifier in list(curve.modifiers):
+        curve.modifiers.remove(modifier)
+    for frame, value in points:
+        curve.keyframe_points.insert(frame, value).interpolation = interpolation
+    driver = curve.driver
     variable = driver.variables.new()
     variable.name = "age"
     target = variable.targets[0]
@@ -146,5 +152,5 @@ def drive_by_age(
     target.id = material
     target.data_path = f"node_tree.{age.path_from_id('default_value')}"
     driver.type = "SCRIPTED"
-    driver.expression = f"round(clamp(age) * {frames - 1})"
+    driver.expression = f"clamp(age) * {last}"
     assert driver.is_simple_expression

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import bpy
 
@@ -54,7 +54,7 @@ class Edit:
         )
         own_action(self.tree, mark=True)
         self.layout = Layout(self.tree, self.principled)
-        self._age = self.layout.add("ShaderNodeValue", "Age", column=3, row=0).outputs[0]
+        self._age = self.layout.add("ShaderNodeValue", "Age", column=4, row=0).outputs[0]
         key(self._age, (0.0, 1.0), span)
 
     def finish(self) -> None:
@@ -90,56 +90,91 @@ class Edit:
         if aged.uniform:
             self._show_values(aged, self._own(socket), transform)
             return
-        source = self._texture(aged)
+        source = self._fade(aged)
         if transform is not None:
-            root = self.layout.add("ShaderNodeMath", "Square Root", column=0, row=self._rows - 1)
+            root = self.layout.add("ShaderNodeMath", "Square Root", column=-1, row=self._rows)
             root.operation = "SQRT"
             self.tree.links.new(source, root.inputs[0])
             source = root.outputs[0]
+        self._rows += 1
         self.connect(source, socket)
 
     def _show_values(
         self, aged: AgedMap, socket: bpy.types.NodeSocket, transform: Transform | None
     ) -> None:
-        """Keys the socket once a modelled frame, straight between them."""
-        files = aged.files if aged.changes else aged.files[:1]
-        texels = [read_exr_texel(path) for path in files]
+        """Keys the socket once a stored frame, straight between them."""
+        texels = [read_exr_texel(path) for path in aged.files]
         if socket.type == "RGBA":
             values: list[float | tuple[float, ...]] = [(*texel, 1.0) for texel in texels]
         else:
             values = [transform(texel[0]) if transform else texel[0] for texel in texels]
         if aged.changes:
             first, last = self._span
-            key(socket, values, [first + time * (last - first) for time in self._times])
+            at = [first + self._times[frame] * (last - first) for frame in aged.stored]
+            key(socket, values, at)
         else:
             socket.default_value = values[0]
 
-    def _texture(self, aged: AgedMap) -> bpy.types.NodeSocket:
-        """A node that plays the map's files by Age; a single still where it does not change."""
+    def _fade(self, aged: AgedMap) -> bpy.types.NodeSocket:
+        """Plays the map's stored frames by Age and fades from each into the next.
+
+        Two textures take turns: one changes to its next frame while only the other is seen.
+        """
+        even = self._texture(aged, 0, column=2)
+        if not aged.changes:
+            return even.outputs["Color"]
+        odd = self._texture(aged, 1, column=1)
+        fade = self.layout.add("ShaderNodeMix", f"Fade {aged.name}", column=0, row=self._rows)
+        fade.data_type = "RGBA"
+        self.tree.links.new(even.outputs["Color"], input_socket(fade, "A_Color"))
+        self.tree.links.new(odd.outputs["Color"], input_socket(fade, "B_Color"))
+        shares = [(frame, i % 2) for i, frame in enumerate(aged.stored)]
+        self._drive(input_socket(fade, "Factor_Float"), "default_value", shares, "LINEAR")
+        return next(each for each in fade.outputs if each.identifier == "Result_Color")
+
+    def _texture(self, aged: AgedMap, turn: int, *, column: int) -> bpy.types.ShaderNodeTexImage:
+        """A texture of every second stored frame, from the first (`turn` 0) or second (1) on."""
         sampling = self._reading.sampling
-        node = self.layout.add("ShaderNodeTexImage", aged.name, column=1, row=self._rows)
-        self._rows += 1
-        node.image = self._image(aged)
+        node = self.layout.add("ShaderNodeTexImage", aged.name, column=column, row=self._rows)
         node.projection = sampling.projection
         node.projection_blend = sampling.projection_blend
         node.extension = sampling.extension
         node.interpolation = sampling.interpolation
-        if aged.changes:
-            drive_by_age(node, self._age, len(aged.files), self.material)
+        node.image = self._image(aged.files[turn])
+        frames = aged.stored[turn::2]
+        if len(frames) > 1:
+            node.image.source = "SEQUENCE"
+            user = node.image_user
+            user.frame_start = user.frame_duration = 1
+            # Cyclic and of length 1: at its only frame, moved by the offset, at any time.
+            user.use_cyclic = user.use_auto_refresh = True
+            unseen = (0, *aged.stored[1 + turn :: 2])
+            points = list(zip(unseen, frames, strict=False))
+            self._drive(user, "frame_offset", points, "CONSTANT")
         vector = self._lookup()
         if vector is not None:
             self.tree.links.new(vector, node.inputs["Vector"])
-        return node.outputs["Color"]
+        return node
 
-    def _image(self, aged: AgedMap) -> bpy.types.Image:
-        image = bpy.data.images.load(str(aged.files[0]), check_existing=False)
-        image.name = f"{self.material.name} {aged.name}"
+    def _drive(
+        self,
+        driven: bpy.types.bpy_struct,
+        path: str,
+        points: Sequence[tuple[int, float]],
+        interpolation: Literal["CONSTANT", "LINEAR"],
+    ) -> None:
+        last = len(self._times) - 1
+        drive_by_age(
+            driven, path, points, interpolation, age=self._age, last=last, material=self.material
+        )
+
+    def _image(self, path: Path) -> bpy.types.Image:
+        image = bpy.data.images.load(str(path), check_existing=False)
+        image.name = f"{self.material.name} {path.stem.rpartition('_')[0]}"
         image[TAG] = 1
         image.colorspace_settings.name = "Non-Color"
         image.alpha_mode = "NONE"
-        image.filepath = _path(aged.files[0])
-        if aged.changes:
-            image.source = "SEQUENCE"
+        image.filepath = _path(path)
         return image
 
     def _lookup(self) -> bpy.types.NodeSocket | None:
@@ -159,7 +194,7 @@ class Edit:
         if uv_map is None or not _all_have(self.material, uv_map):
             return None
         if self._vector is None:
-            node = self.layout.add("ShaderNodeUVMap", "UV", column=2, row=0)
+            node = self.layout.add("ShaderNodeUVMap", "UV", column=3, row=0)
             node.uv_map = uv_map
             self._vector = node.outputs["UV"]
         return self._vector

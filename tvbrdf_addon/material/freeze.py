@@ -10,6 +10,7 @@ from ..errors import MaterialError
 from .animation import channels, own_action, remove_keys
 from .ownership import TAG, user_count
 from .record import is_aged, keyed_sockets, load, tagged
+from .trace import input_socket
 
 __all__ = ("freeze",)
 
@@ -29,10 +30,13 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     sockets = keyed_sockets(tree, record)
     for socket in sockets:
         _hold(socket, frame)
-    shown = round(min(max(age.outputs[0].default_value, 0.0), 1.0) * (record.frames - 1)) + 1
+    place = min(max(age.outputs[0].default_value, 0.0), 1.0) * (record.frames - 1)
     for node in nodes:
         if node.type == "TEX_IMAGE" and node.image and node.image.source == "SEQUENCE":
-            _still(node, shown)
+            _take_driven(node.image_user, "frame_offset", place)
+            _still(node, node.image_user.frame_offset + 1)
+        elif node.type == "MIX":
+            _take_driven(input_socket(node, "Factor_Float"), "default_value", place)
     tree.update_tag()
 
 
@@ -50,8 +54,18 @@ def _hold(socket: bpy.types.NodeSocket, frame: int) -> None:
     remove_keys(tree, path)
 
 
+def _take_driven(driven: bpy.types.bpy_struct, name: str, place: float) -> None:
+    """Gives a property the value that its driver has with Age at the modelled frame `place`, and
+    removes the driver; one that has none stays.
+    """
+    path = driven.path_from_id(name)
+    curve = driven.id_data.animation_data.drivers.find(path)
+    if curve is not None:
+        setattr(driven, name, type(getattr(driven, name))(curve.evaluate(place)))
+        driven.driver_remove(name)
+
+
 def _still(node: bpy.types.ShaderNodeTexImage, number: int) -> None:
-    node.image_user.driver_remove("frame_offset")
     image = node.image
     if user_count(image) > 1:  # a copy of the material plays it
         image = image.copy()

@@ -20,15 +20,20 @@ MAPS = {
 
 @dataclass(frozen=True)
 class AgedMap:
-    """One map over time, a file for every modelled frame.
+    """One map over time: `files` for the modelled frames `stored`, counted from 0, and straight
+    between them.
 
-    Where nothing `changes` all files are the same; a `uniform` map has one texel.
+    One that never `changes` has one file; a `uniform` map has one texel.
     """
 
     name: str
     files: tuple[Path, ...]
-    changes: bool
+    stored: tuple[int, ...]
     uniform: bool
+
+    @property
+    def changes(self) -> bool:
+        return len(self.files) > 1
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ class AgedMaps:
 def read_result(folder: Path) -> AgedMaps:
     """Reads `folder/aged.json` and looks at every file that it names.
 
-    Raises `MaterialError` where a file is missing, the result is sparse, or the format is unknown.
+    Raises `MaterialError` where a file is missing, or the format is unknown.
     """
     path = folder / "aged.json"
     try:
@@ -69,14 +74,13 @@ def read_result(folder: Path) -> AgedMaps:
 
 
 def _map(folder: Path, name: str, files: object, frames: int, uniform: bool) -> AgedMap:
-    wanted = [f"{name}_{frame + 1:04d}.exr" for frame in range(frames)]
-    if files != wanted:
+    stored = _stored(files, name, frames)
+    if stored is None:
         raise MaterialError(
-            f"The result in {folder} does not hold one {name} file for every frame, so Blender "
-            "cannot play it.",
-            "Age the material again without --sparse.",
+            f"The result in {folder} does not say which files make its {name} on every frame.",
+            "Age the material again.",
         )
-    paths = tuple(folder / each for each in wanted)
+    paths = tuple(folder / _file(name, frame) for frame in stored)
     missing = next((path for path in paths if not path.is_file()), None)
     if missing:
         raise MaterialError(f"{missing} is missing.", "Age the material again.")
@@ -84,4 +88,24 @@ def _map(folder: Path, name: str, files: object, frames: int, uniform: bool) -> 
     changes = any(
         path.stat().st_size != len(first) or path.read_bytes() != first for path in paths[1:]
     )
-    return AgedMap(name, paths, changes, uniform)
+    if not changes:
+        paths, stored = paths[:1], stored[:1]
+    return AgedMap(name, paths, stored, uniform)
+
+
+def _stored(files: object, name: str, frames: int) -> tuple[int, ...] | None:
+    """The frames that have a file of their own; None unless these make up all the others.
+
+    `files` holds a file for every frame, or its mix: a list of files with their weights.
+    """
+    if not isinstance(files, list) or len(files) != frames:
+        return None
+    mixes = [[[each, 1.0]] if isinstance(each, str) else each for each in files]
+    stored = tuple(k for k, mix in enumerate(mixes) if mix == [[_file(name, k), 1.0]])
+    if stored == (0,):
+        return stored if all(mix == mixes[0] for mix in mixes) else None
+    return stored if stored[:1] == (0,) and stored[-1] == frames - 1 else None
+
+
+def _file(name: str, frame: int) -> str:
+    return f"{name}_{frame + 1:04d}.exr"

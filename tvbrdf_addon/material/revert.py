@@ -36,6 +36,8 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
     for node in tagged(tree):
         if node.type == "TEX_IMAGE":
             node.image_user.driver_remove("frame_offset")
+        elif node.type == "MIX":
+            input_socket(node, "Factor_Float").driver_remove("default_value")
     for socket in keyed_sockets(tree, record):
         remove_keys(tree, socket.path_from_id("default_value"))
 

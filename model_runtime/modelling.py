@@ -1,0 +1,146 @@
+"""Texels modelled with as much effort as a quality allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from .brdf.measured import MeasuredBRDF
+from .compose import AgedTexels
+from .fit import USUAL, FitEffort
+from .histories import CPU, Histories, roll_out
+from .images import Compression
+from .plan import Palette, appearance_psnr, build_palette
+from .representation.latents import Representation
+from .temporal.ntm import NeuralTemporalModel
+
+__all__ = ("EFFORTS", "Effort", "model_texels")
+
+_WORTHWHILE = 1.0  # dB that finer cells must gain to be made finer still
+_CHECKED = 128  # texels on which a palette is compared with each modelled for itself
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a run spends; each field can be turned by itself.
+
+    step: width of a palette's cells (perceptual coordinates); 0 models every texel for itself
+    most: entries of a palette; its cells are widened until no more are left
+    checked: whether texels modelled each for itself tell if the cells are fine enough
+    samples: directions that the encoder is given; None takes its short cut from the parameters
+    fit: what is spent on the fit of what was decoded
+    compression: what is spent on making files small
+    """
+
+    step: float = 0.05
+    most: int = 2048
+    checked: bool = True
+    samples: int | None = None
+    fit: FitEffort = USUAL
+    compression: Compression = "zip"
+
+
+EFFORTS = {
+    "draft": Effort(step=0.12, most=256, checked=False, compression="none"),
+    "balanced": Effort(),
+    "exact": Effort(step=0.0, most=0, checked=False, samples=16_200),
+}
+"""What each quality (DESIGN.md, command line) means."""
+
+
+def model_texels(
+    initial: Tensor,
+    ntm: NeuralTemporalModel,
+    rung: str,
+    representation: Representation,
+    effort: Effort,
+    *,
+    onset: Tensor | None = None,
+    rate: Tensor | None = None,
+    tolerance: float = math.inf,
+    specular: Literal["rgb", "mono"] = "rgb",
+    measured: MeasuredBRDF | None = None,
+    device: torch.device = CPU,
+    step: Callable[[float], None] = lambda fraction: None,
+    warn: Callable[[str], None] = lambda message: None,
+) -> AgedTexels:
+    """Texels `initial` [n, 7] (kd, ks, alpha) with histories under `rung` of `ntm`.
+
+    onset, rate: [n] when each history starts and how fast it runs; without an onset all texels
+    change as those of the source did on average.
+    tolerance: dB that a checked palette is to reach against texels modelled each for itself. Where
+    it misses, its cells are halved as long as that helps; what is still missing is told to `warn`.
+    measured: the BRDF behind the only texel of `initial`, where there is one.
+    device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it.
+    `step` hears which share of a palette is done.
+    """
+    gain = torch.ones_like(ntm.affine.gain) if rung == "constant" else ntm.affine.gain
+
+    def modelled_on(device: torch.device, palette: Palette) -> Histories:
+        return roll_out(
+            palette.entries,
+            ntm,
+            rung,
+            representation,
+            samples=effort.samples,
+            fit=effort.fit,
+            specular=specular,
+            measured=measured,
+            device=device,
+            step=step,
+        )
+
+    def modelled(palette: Palette) -> Histories:
+        nonlocal device
+        try:
+            return modelled_on(device, palette)
+        except RuntimeError as error:  # torch's, out of memory among them
+            if device == CPU:
+                raise
+            warn(f"The GPU failed ({str(error).splitlines()[0]}), so the CPU was used.")
+            device = CPU
+            return modelled_on(device, palette)
+
+    def aged(palette: Palette, histories: Histories) -> AgedTexels:
+        texels = AgedTexels(initial, palette, histories, gain, onset, rate)
+        if onset is not None or ntm.timing is None:
+            return texels
+        return texels.averaged(torch.from_numpy(ntm.timing.mean_of_ages(ntm.frames)))
+
+    if bool((initial == initial[0]).all()):
+        palette = Palette(initial[:1].clone(), torch.zeros(len(initial), dtype=torch.long))
+        return aged(palette, modelled(palette))
+    palette = build_palette(initial, effort.step, most=effort.most)
+    histories = modelled(palette)
+    if not effort.checked:
+        return aged(palette, histories)
+
+    rows = torch.linspace(0, len(initial) - 1, min(_CHECKED, len(initial))).long()
+    own = Palette(initial[rows], torch.arange(len(rows)))
+    truth = AgedTexels(own.entries, own, modelled(own), gain, None)
+
+    def reached() -> float:
+        shared = Palette(palette.entries, palette.index[rows])
+        estimate = AgedTexels(own.entries, shared, histories, gain, None)
+        return min(appearance_psnr(truth.at(t), estimate.at(t)) for t in (0.1, 0.3, 0.6, 1.0))
+
+    psnr, gained, cells = reached(), math.inf, effort.step
+    while psnr < tolerance and gained > _WORTHWHILE:
+        cells /= 2
+        finer = build_palette(initial, cells, most=effort.most)
+        if len(finer.entries) <= len(palette.entries):
+            break
+        palette, histories = finer, modelled(finer)
+        before, psnr = psnr, reached()
+        gained = psnr - before
+    if psnr < tolerance:
+        warn(
+            f"Modelling few materials reaches {psnr:.0f} of the {tolerance:g} dB asked for; choose "
+            "quality exact to model every texel."
+        )
+    return aged(palette, histories)

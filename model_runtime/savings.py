@@ -1,0 +1,39 @@
+"""What a run did not model or write because nobody would see it, as sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+__all__ = ("savings",)
+
+
+def savings(
+    *, texels: int, modelled: int, files: Mapping[str, Sequence[str | Sequence[Sequence]]]
+) -> list[str]:
+    """A sentence each on the BRDFs that were modelled and on maps that lack frames.
+
+    `files` are those of `aged.json`: per map and frame its file, or its mix of files.
+    """
+    sentences = [_modelled(modelled, texels)]
+    by_count: dict[tuple[int, int], list[str]] = {}
+    for name, frames in files.items():
+        stored = {file for mix in frames for file in ([mix] if isinstance(mix, str) else dict(mix))}
+        by_count.setdefault((len(stored), len(frames)), []).append(name.replace("_", " "))
+    for (stored, frames), names in by_count.items():
+        listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1]))).capitalize()
+        if stored == frames:
+            continue
+        if stored == 1:
+            sentences.append(f"{listed} {'do' if len(names) > 1 else 'does'} not change.")
+        else:
+            each = " each" if len(names) > 1 else ""
+            sentences.append(f"{listed}: wrote {stored} of {frames} frames{each}.")
+    return sentences
+
+
+def _modelled(modelled: int, texels: int) -> str:
+    if texels == 1:
+        return "Modelled one BRDF: the material is the same all over."
+    if modelled >= texels:
+        return f"Modelled every one of {texels:,} BRDFs."
+    return f"Modelled {modelled:,} distinct BRDF{'s' * (modelled > 1)} instead of {texels:,}."

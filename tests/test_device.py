@@ -1,0 +1,67 @@
+"""Ageing on another device than the CPU, as far as that can be seen without one.
+
+"meta" is a device that keeps shapes and no values: it refuses, as a GPU does, to mix its tensors
+with the CPU's.
+"""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from model_runtime import histories, modelling
+from model_runtime.modelling import EFFORTS, model_texels
+from model_runtime.package import find_model
+from model_runtime.representation import load_representation
+from model_runtime.representation.latents import Representation
+from model_runtime.temporal.ntm import NeuralTemporalModel
+
+META = torch.device("meta")
+STATES = torch.rand(9, 7, generator=torch.Generator().manual_seed(0)).clamp_min(0.01)
+
+Models = tuple[NeuralTemporalModel, Representation]
+
+
+@pytest.fixture(scope="module")
+def models() -> Models:
+    representation, identity = load_representation()
+    return NeuralTemporalModel.load(find_model("rust"), identity), representation
+
+
+def test_all_that_a_device_is_asked_for_stays_on_it(models: Models):
+    """What fails in the end is to bring back the values, which "meta" does not have."""
+    ntm, representation = models
+    with torch.inference_mode(), pytest.raises(NotImplementedError, match="meta tensor; no data"):
+        histories.roll_out(STATES, ntm, "lstm_latents", representation, device=META)
+
+
+@pytest.mark.parametrize("rung", ["affine", "lstm_parameters"])
+def test_what_is_light_stays_on_the_cpu(models: Models, rung: str):
+    ntm, representation = models
+    there, here = (
+        histories.roll_out(STATES, ntm, rung, representation, device=device).states
+        for device in (META, histories.CPU)
+    )
+    assert torch.equal(there, here)
+
+
+def test_where_a_device_fails_the_cpu_does_it_and_it_is_said(models: Models):
+    ntm, representation = models
+    said: list[str] = []
+    with torch.inference_mode():
+        there, here = (
+            model_texels(
+                STATES,
+                ntm,
+                "lstm_latents",
+                representation,
+                EFFORTS["draft"],
+                device=device,
+                warn=said.append,
+            ).histories.states
+            for device in (META, modelling.CPU)
+        )
+    assert torch.equal(there, here)
+    assert len(said) == 1
+    assert said[0].startswith("The GPU failed (")
+    assert said[0].endswith("), so the CPU was used.")

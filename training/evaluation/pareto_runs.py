@@ -1,0 +1,137 @@
+"""Runs of `age`, timed and held against exact; each is kept, so that it is made once."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from model_runtime.age import AgeRequest, age
+from model_runtime.package import ENCODER, find_model
+
+from ..kept import identity
+from .pareto_exact import Exact
+from .pareto_settings import Setting
+
+__all__ = ("Run", "Silent", "bundled", "kept_json", "measure")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of `age` on one material.
+
+    wall, core: seconds from the request to the files being there, by the clock and of one core
+    stages: wall seconds of each, as `aged.json` has them
+    megabytes: of what was written
+    entries: of the palette
+    rung: the model of change that was used
+    frames: that were written, of the map with the most
+    psnr: dB against exact in each frame that is compared
+    load: how many processes wanted a core meanwhile (the load average of the last minute)
+    """
+
+    wall: float
+    core: float
+    stages: Mapping[str, float]
+    megabytes: float
+    entries: int
+    rung: str
+    frames: int
+    psnr: tuple[float, ...]
+    load: float
+
+
+class Silent:
+    """A reporter of runs that nobody watches."""
+
+    def progress(self, stage: str, fraction: float) -> None:
+        pass
+
+    def warning(self, message: str) -> None:
+        pass
+
+    def cancelled(self) -> bool:
+        return False
+
+
+def bundled(ntm: str) -> str:
+    """What identifies the bundled model `ntm` and the encoder."""
+    return identity(*(path.read_bytes().hex() for path in (find_model(ntm), ENCODER)))
+
+
+def kept_json(path: Path, made_from: str, make: Callable[[], Any]) -> Any:
+    """The JSON value that `make` gives, from an earlier call where that was `made_from` the same;
+    written whole or not at all.
+    """
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        if stored["made_from"] == made_from:
+            return stored["value"]
+    except (OSError, ValueError, KeyError, TypeError):
+        pass  # missing, damaged or of something else: made again
+    value = make()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(path.name + ".partial")
+    beside.write_text(json.dumps({"made_from": made_from, "value": value}), encoding="utf-8")
+    beside.replace(path)
+    return value
+
+
+def measure(
+    setting: Setting,
+    material: Path,
+    ntm: str,
+    exact: Exact,
+    *,
+    frames: int,
+    size: int,
+    kept: Path,
+    model: str,
+) -> Run:
+    """Age `material` as `setting` says and hold the written maps against `exact`.
+
+    `size` and `frames` are those of the setting's panel, `model` what `bundled` says of `ntm`. The
+    numbers stay in the folder `kept`, the maps do not.
+    """
+    request = setting.request(frames, size)
+
+    def make() -> dict[str, Any]:
+        folder = kept / "maps"
+        asked = AgeRequest(material, ntm, folder, **request)
+        wall, core = time.perf_counter(), time.process_time()
+        report = age(asked, Silent(), setting.effort)
+        wall, core = time.perf_counter() - wall, time.process_time() - core
+        load = os.getloadavg()[0]
+        maps = [path.stat().st_size for path in folder.glob("*.exr")]
+        run = Run(
+            wall=round(wall, 3),
+            core=round(core, 3),
+            stages=report["seconds"],
+            megabytes=round(sum(maps) / 1e6, 3),
+            entries=report["palette"],
+            rung=report["temporal_model"],
+            frames=max(len(_written(files)) for files in report["files"].values()),
+            psnr=tuple(round(value, 3) for value in exact.psnr(folder)),
+            load=round(load, 2),
+        )
+        shutil.rmtree(folder)
+        return asdict(run)
+
+    name = f"{setting.name}_{material.name}".replace(" ", "_").replace("/", "by")
+    made_from = identity(exact.states, model, f"{request} {setting.effort}")
+    value = kept_json(kept / f"run_{name}.json", made_from, make)
+    return Run(**value | {"psnr": tuple(value["psnr"])})
+
+
+def _written(files: list[Any]) -> set[str]:
+    """The files of one map of `aged.json`."""
+    return {
+        name
+        for made_of in files
+        for name in ([made_of] if isinstance(made_of, str) else [part[0] for part in made_of])
+    }
