@@ -15,7 +15,6 @@ import bpy
 from scrub_scene import build, show_result, summary, timed
 
 ROOT = Path(__file__).resolve().parents[2]
-PASSES = 2
 
 
 def extension() -> ModuleType:
@@ -42,7 +41,7 @@ def main() -> None:
     facts = show_result(tvbrdf.__name__, material, Path(folder))
     frames = range(1, facts["frames"] + 1)
     first = timed(frames, bpy.ops.render.render)
-    again = [each for _ in range(PASSES) for each in timed(frames, bpy.ops.render.render)]
+    again = timed(frames, bpy.ops.render.render)
     facts |= {"viewer": f"Cycles, 64 px, 1 sample, {data}"} | summary(still, first, again)
     Path(output).write_text(json.dumps(facts), encoding="utf-8")
     tvbrdf.unregister()

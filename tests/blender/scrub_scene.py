@@ -95,13 +95,15 @@ def summary(still: list[Taken], first: list[Taken], again: list[Taken]) -> dict[
     """Of the same scene unaged, of the first pass over the frames, and of later ones: frames per
     second as they came, and the work of a frame, which a busy machine does not change.
 
-    Medians, of all frames but the first, which also builds the scene.
+    Means, of all frames but the first, which also builds the scene; and the worst of later frames,
+    as files change on some frames only.
     """
     passes = {"unaged": still, "first_pass": first, "later_passes": again}
     seconds, work = (
-        {name: statistics.median(each[i] for each in taken[1:]) for name, taken in passes.items()}
+        {name: statistics.mean(each[i] for each in taken[1:]) for name, taken in passes.items()}
         for i in range(2)
     )
+    work["worst"] = max(each.core_seconds for each in again)
     return {
         "fps": {name: round(1 / each, 2) for name, each in seconds.items()},
         "core_ms": {name: round(1000 * each) for name, each in work.items()},

@@ -1,0 +1,48 @@
+"""What measures scrubbing measures it, for results that store all frames and for sparse ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.blender import scrubbing
+from tests.blender.test_windowed import BLENDER, TOOL
+
+pytestmark = pytest.mark.slow
+KINDS = ["every_frame_32", "sparse_32"]
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> list[Path]:
+    return scrubbing.gather([], tmp_path / "results", [32], 9)
+
+
+def check(facts: dict, name: str) -> None:
+    assert (facts["result"], facts["size"], facts["frames"]) == (name, [32, 32], 9)
+    assert facts["files"] == (36 if name == "every_frame_32" else 12)
+    assert facts["sequences"] >= 4
+    assert all(each > 0 for each in (*facts["fps"].values(), *facts["core_ms"].values()))
+
+
+def test_in_cycles_with_persistent_data_and_without(tmp_path: Path, results: list[Path]):
+    for folder, name in zip(results, KINDS, strict=True):
+        anew, persistent = scrubbing.in_cycles(folder, tmp_path)
+        check(anew, name)
+        check(persistent, name)
+        assert (anew["viewer"], persistent["viewer"]) == (
+            "Cycles, 64 px, 1 sample, anew",
+            "Cycles, 64 px, 1 sample, persistent",
+        )
+
+
+@pytest.mark.skipif(
+    not (TOOL.is_file() and BLENDER.is_file()),
+    reason="windowed-blender, or the Blender it runs, is not here",
+)
+def test_in_a_window(tmp_path: Path, results: list[Path]):
+    report = scrubbing.in_window(tmp_path)
+    assert report["renderer"]
+    for facts, name in zip(report["measured"], KINDS, strict=True):
+        check(facts, name)
+        assert facts["viewer"].startswith("Material Preview")
