@@ -198,16 +198,16 @@ def _attribute(obj: bpy.types.Object, name: str) -> Array:
 
 def _bake(target: Target, attribute: str, size: tuple[int, int], frame: int) -> _Bake:
     with _emitter(attribute) as emitter:
-        # Roughness is 1, so that it tells how far the margin reaches.
+        # Both numbers, so that one bake makes them.  Roughness is 1 as far as the margin reaches.
         maps, coverage = bake_sockets(
-            emitter, ["Base Color", "Roughness"], target, size=size, frame=frame
+            emitter, ["Metallic", "Roughness"], target, size=size, frame=frame
         )
-    return _Bake(luminance(maps["Base Color"]), coverage > 0, maps["Roughness"] > 0.5)
+    return _Bake(maps["Metallic"], coverage > 0, maps["Roughness"] > 0.5)
 
 
 @contextmanager
 def _emitter(attribute: str) -> Iterator[bpy.types.Material]:
-    """A passing material whose Base Color is the attribute and whose Roughness is a node's 1."""
+    """A passing material whose Metallic is the attribute and whose Roughness is a node's 1."""
     material = bpy.data.materials.new("tvbrdf onset")
     try:
         if bpy.app.version < (5, 0):
@@ -216,7 +216,7 @@ def _emitter(attribute: str) -> Iterator[bpy.types.Material]:
         _, principled = find_principled(material)
         color = tree.nodes.new("ShaderNodeVertexColor")
         color.layer_name = attribute
-        tree.links.new(color.outputs["Color"], input_socket(principled, "Base Color"))
+        tree.links.new(color.outputs["Color"], input_socket(principled, "Metallic"))
         one = tree.nodes.new("ShaderNodeValue")
         one.outputs[0].default_value = 1.0
         tree.links.new(one.outputs[0], input_socket(principled, "Roughness"))
