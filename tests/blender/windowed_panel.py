@@ -330,7 +330,7 @@ def command() -> Steps:
 
 def everything() -> Steps:
     os.environ["TVBRDF_WORKER"] = str(EXCHANGE / "stub_worker.py")
-    os.environ["TVBRDF_STUB_SECONDS"] = "6"
+    os.environ["TVBRDF_STUB_SECONDS"] = "12"
     yield 1.0
     # Away with the splash screen.
     yield from key("Escape")
