@@ -99,9 +99,9 @@ class _Run:
 def age(request: AgeRequest, reporter: Reporter, effort: Effort | None = None) -> dict[str, Any]:
     """Age a material and write its maps; returns the content of `aged.json`.
 
-    `effort` is that of the request's quality unless it is given. Frame 1 is the input. Raises a kind
-    of TvbrdfError with a sentence for the user where anything is wrong; the output folder then holds
-    what it held before.
+    `effort` is that of the request's quality unless it is given. Frame 1 is the input. Raises a
+    kind of TvbrdfError with a sentence for the user where anything is wrong; the output folder then
+    holds what it held before.
     """
     run = _Run(request, reporter)
     with torch.inference_mode(), _one_thread():
@@ -253,22 +253,16 @@ def timing_maps(
 
 
 def _rung(run: _Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
-    """The model of change to use: what was asked for, or the NTM's own choice within its domain.
-
-    Most of a material lying far from everything the NTM was trained on, its LSTMs would extrapolate
-    in silence; the affine rung cannot run away, and says so.
-    """
+    """The model of change to use: what was asked for, or what suits the material."""
     if run.request.temporal_model != "auto":
         return run.request.temporal_model
-    sample = initial[:: max(1, len(initial) // 4096)]
-    share = float(ntm.domain.outside(sample).float().mean())
-    if share > FOREIGN_SHARE and ntm.chosen != "constant":
+    rung, share = ntm.suited(initial)
+    if rung == "affine" and share > FOREIGN_SHARE:
         run.warn(
             f"{share:.0%} of this material is unlike anything {ntm.card.title} was trained on; "
             "a plain affine change is used. Choose a temporal model yourself to override this."
         )
-        return "affine"
-    return ntm.chosen
+    return rung
 
 
 def command_line(request: AgeRequest) -> str:

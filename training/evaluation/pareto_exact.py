@@ -99,9 +99,9 @@ def exact_texels(
     kept: Path,
     seed: int = 0,
 ) -> Exact:
-    """`texels` random ones of `material` (all, where it has fewer), the same for every rung, aged
-    by `rung` of the bundled model `ntm_name` with the onset that `age --size size` gives them. What
-    was modelled stays in the folder `kept`.
+    """`texels` random ones of `material` (all, where it has fewer), aged by `rung` (or "auto") of
+    the bundled model `ntm_name` with the onset that `age --size size` gives them. What was modelled
+    stays in the folder `kept`.
     """
     representation, encoder = load_representation()
     ntm_path = find_model(ntm_name)
@@ -110,6 +110,7 @@ def exact_texels(
     read = read_input(material, size=size)
     assert isinstance(read, PrincipledMaps)
     initial, shape, _ = initial_states(read, request)
+    rung = ntm.suited(initial)[0] if rung == "auto" else rung
     onset, rate = (
         None if each is None else torch.from_numpy(each.reshape(-1))
         for each in timing_maps(request, ntm, shape)
@@ -120,7 +121,7 @@ def exact_texels(
     authored = read.map(lambda pixels: pixels.reshape(len(initial), 1, *pixels.shape[2:])[rows])
     times = tuple(k / (frames - 1) for k in compared(frames))
 
-    path = kept / f"exact_{material.name}_{rung}.safetensors"
+    path = kept / f"exact_{size}_{material.name}_{rung}.safetensors"
     model = identity(*ntm.tensors().values())
     made_from = identity(initial[chosen], encoder, model, f"{rung} {times} {seed} {size}")
     stored = read_kept(path, made_from)
