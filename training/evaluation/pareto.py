@@ -49,6 +49,7 @@ def evaluate_pareto(
     materials: Sequence[str] | None = None,
     settings: Sequence[Setting] = SETTINGS,
     teaching: Teaching | None = None,
+    paper_texels: int = 4,
     ntm: str = "rust",
 ) -> ParetoReport:
     """Run every one of `settings` on every material of `data`/pbr (or on `materials` alone); write
@@ -57,7 +58,8 @@ def evaluate_pareto(
     pixels: width of the cases with a known truth; the maps that are aged are 16 times as wide, and
     a quarter and four times that to see how time and memory grow, with `large_frames` frames
     texels: of each material that are held against exact; `latents_texels` where latents are decoded
-    teaching: what is spent on learning the cases with a known truth
+    teaching: what is spent on learning the cases with a known truth; `paper_texels`: on how many
+    the paper's pipeline is timed
 
     Every run is kept in `output`/kept once it has been made: an interrupted call goes on there, and
     a finished one is only written again.
@@ -67,7 +69,7 @@ def evaluate_pareto(
     kept.mkdir(parents=True, exist_ok=True)
     folders = _materials(data, materials)
     bench = _Bench(folders, ntm, size, frames, texels, latents_texels, kept)
-    truth = Truth(data, kept, pixels=pixels, teaching=teaching or Teaching())
+    truth = Truth(data, kept, pixels, teaching=teaching or Teaching(), paper_texels=paper_texels)
     before = os.getloadavg()[0]
     # The first run imports and allocates what a warm worker already has.
     age(AgeRequest(folders[0], ntm, kept / "maps", frames=2, size=32), Silent())

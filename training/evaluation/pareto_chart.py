@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -19,125 +20,140 @@ _COLORS = {
     "rung": "#d55e00",
     "frames": "#009e73",
     "size": "#cc79a7",
-    "compression": "#e69f00",
-    "samples": "#56b4e9",
+    "compression": "#b8860b",
+    "samples": "#1b9ad6",
     "fit": "#8c564b",
-    "precision": "#999999",
+    "precision": "#777777",
     "rival": "#b22222",
 }
-_TITLES = {"": "quality", "samples": "samples m", "rung": "temporal rung", "rival": "other methods"}
+_TITLES = {"": "quality", "samples": "samples m", "rung": "temporal rung", "rival": "rival"}
+_LETTER = 5.3  # width in pixels, of labels
+_LINE = 13
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """A point in one panel: seconds, dB, its name and knob, whether it lies on the front, and
+    whether its seconds are extrapolated.
+    """
+
+    seconds: float
+    psnr: float
+    name: str
+    knob: str
+    front: bool
+    extrapolated: bool
 
 
 def draw_chart(report: ParetoReport, path: Path) -> None:
     """Write the chart to `path` (PNG)."""
-    size, frames = report.settings["size"], report.settings["frames"]
-    figure = Figure(figsize=(11, 12), layout="constrained")
+    size, frames, pixels = (report.settings[name] for name in ("size", "frames", "pixels"))
+    quarter = size // report.settings["quarter"]
+    figure = Figure(figsize=(11, 13), dpi=100, layout="constrained")
     axes = figure.subplots(3, 1)
-    panels = {
-        "whole": f"The whole command, {size} x {size}, {frames} frames",
-        "latents": f"With the LSTM on latents, {size // report.settings['quarter']} pixels wide,"
-        f" {frames} frames",
-    }
-    for ax, (panel, title) in zip(axes, panels.items(), strict=False):
-        shown = [point for point in report.points if point.panel == panel]
-        _draw(ax, shown, lambda p: p.core, lambda p: p.mean, lambda p: p.front, _extrapolated)
+    panels = (
+        (f"The whole command, {size} x {size}, {frames} frames", _against_exact(report, "whole")),
+        (
+            f"The whole command with the LSTM on latents, {quarter} x {quarter}, {frames} frames",
+            _against_exact(report, "latents"),
+        ),
+        (f"Known histories: S1, S2, S3; {pixels} x {pixels} texels", _against_truth(report)),
+    )
+    for ax, (title, marks) in zip(axes, panels, strict=True):
+        _draw(ax, marks)
         ax.set_title(title, fontsize=11)
         ax.set_ylabel("PSNR against exact (dB)")
         ax.set_xlabel("core seconds a material")
-    known = [point for point in report.points if point.truth is not None]
-    _draw(
-        axes[2],
-        known,
-        lambda p: p.truth.seconds if p.truth else 0.0,
-        lambda p: p.truth_mean,
-        lambda p: p.truth_front,
-        lambda p: p.truth is not None and p.truth.extrapolated,
-    )
-    pixels = report.settings["pixels"]
-    axes[2].set_title(f"Known histories (S1, S2, S3), {pixels} x {pixels} texels", fontsize=11)
     axes[2].set_ylabel("PSNR against the truth (dB)")
-    axes[2].set_xlabel("core seconds to model 36 frames, without reading and writing")
-    knobs = list(dict.fromkeys(point.knob for point in report.points))
-    handles = [_dot(_TITLES.get(knob, knob), color=_COLORS[knob]) for knob in knobs]
-    handles += [_dot("extrapolated", color="black", markerfacecolor="none")]
-    handles += [Line2D([], [], color="#888888", linewidth=1.2, label="Pareto front")]
+    axes[2].set_xlabel("core seconds a case, modelling alone")
+    knobs = dict.fromkeys(point.knob for point in report.points)
+    handles = [
+        Line2D([], [], linestyle="none", marker="o", color=_COLORS[k], label=_TITLES.get(k, k))
+        for k in knobs
+    ]
+    handles += [
+        Line2D([], [], linestyle="none", marker="o", color="k", mfc="none", label="extrapolated"),
+        Line2D([], [], color="#888888", linewidth=1.2, label="Pareto front"),
+    ]
     figure.legend(handles=handles, loc="outside upper center", ncols=6, frameon=False)
-    figure.savefig(path, dpi=100)
+    figure.draw_without_rendering()  # places the axes, among which labels find room
+    for ax, (_, marks) in zip(axes, panels, strict=True):
+        _label(ax, marks)
+    figure.savefig(path)
 
 
-def _draw(
-    ax: Axes,
-    points: Sequence[Point],
-    cost: Callable[[Point], float],
-    gain: Callable[[Point], float | None],
-    front: Callable[[Point], bool],
-    extrapolated: Callable[[Point], bool],
-) -> None:
-    placed = sorted((cost(p), gain(p) or 0.0, p.name, p) for p in points)
-    line = [(x, y) for x, y, _, p in placed if front(p)]
-    if line:
-        ax.step(*zip(*line, strict=True), where="post", color="#888888", linewidth=1.2, zorder=1)
-    for x, y, _, point in placed:
-        color = _COLORS[point.knob]
-        default = point.knob == ""
+def _against_exact(report: ParetoReport, panel: str) -> list[_Mark]:
+    return [
+        _Mark(p.core, p.mean, p.name, p.knob, p.front, p.extrapolated)
+        for p in report.points
+        if p.panel == panel and p.mean is not None
+    ]
+
+
+def _against_truth(report: ParetoReport) -> list[_Mark]:
+    def mark(p: Point) -> _Mark | None:
+        if p.truth is None or p.truth_mean is None:
+            return None
+        seconds, extrapolated = p.truth.seconds, p.truth.extrapolated
+        return _Mark(seconds, p.truth_mean, p.name, p.knob, p.truth_front, extrapolated)
+
+    return [found for found in map(mark, report.points) if found is not None]
+
+
+def _draw(ax: Axes, marks: Sequence[_Mark]) -> None:
+    line = sorted((mark.seconds, mark.psnr) for mark in marks if mark.front)
+    ax.step(*zip(*line, strict=True), where="post", color="#888888", linewidth=1.2, zorder=1)
+    for mark in marks:
+        color, quality = _COLORS[mark.knob], mark.knob == ""
         ax.plot(
-            x,
-            y,
-            marker="s" if default else "o",
-            markersize=9 if default else 6,
+            mark.seconds,
+            mark.psnr,
+            marker="s" if quality else "o",
+            markersize=9 if quality else 6,
             color=color,
-            markerfacecolor="none" if extrapolated(point) else color,
-            zorder=3 if default else 2,
+            markerfacecolor="white" if mark.extrapolated else color,
+            zorder=3 if quality else 2,
         )
     ax.set_xscale("log")
-    ax.margins(x=0.12, y=0.12)
-    ax.grid(color="#dddddd", linewidth=0.6)
-    _label(ax, placed)
+    ax.margins(x=0.1, y=0.12)
+    ax.grid(color="#e4e4e4", linewidth=0.6)
 
 
-def _label(ax: Axes, placed: Sequence[tuple[float, float, str, Point]]) -> None:
-    """Names beside the points, pushed up or down until no two overlap."""
-    figure = ax.figure
-    figure.draw_without_rendering()
-    taken: list[tuple[float, float, float, float]] = []
-    for x, y, name, point in placed:
-        across, up = ax.transData.transform((x, y))
-        width, height = 5.6 * len(name), 12.0
-        for shift in sorted(range(-180, 181, 6), key=abs):
-            for left in (across + 8, across - 8 - width):
-                box = (left, up + shift - height / 2, left + width, up + shift + height / 2)
-                if not any(_overlap(box, other) for other in taken) and _inside(ax, box):
-                    break
-            else:
-                continue
-            break
+def _label(ax: Axes, marks: Sequence[_Mark]) -> None:
+    """Names beside the points, as near as they find room."""
+    area = ax.get_window_extent()
+    at = {mark.name: ax.transData.transform((mark.seconds, mark.psnr)) for mark in marks}
+    taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in at.values()]
+    for mark in sorted(marks, key=lambda mark: mark.knob != ""):
+        x, y = at[mark.name]
+        width = _LETTER * len(mark.name)
+        boxes = [
+            (left, y + shift - _LINE / 2, left + width, y + shift + _LINE / 2)
+            for shift in sorted(range(-220, 221, 4), key=abs)
+            for left in (x + 9, x - 9 - width, x - width / 2)
+        ]
+        box = next(
+            (box for box in boxes if _within(box, area.extents) and not _hit(box, taken)), boxes[0]
+        )
         taken.append(box)
-        ax.annotate(
-            name,
-            (x, y),
-            xytext=(box[0], up + shift),
+        far = abs((box[1] + box[3]) / 2 - y) > _LINE
+        text = ax.annotate(
+            mark.name,
+            (mark.seconds, mark.psnr),
+            xytext=((box[0] + box[2]) / 2, (box[1] + box[3]) / 2),
             textcoords="figure pixels",
             fontsize=8,
+            ha="center",
             va="center",
-            color=_COLORS[point.knob],
-            arrowprops={"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.6}
-            if abs(shift) > 12
-            else None,
+            color=_COLORS[mark.knob],
+            arrowprops={"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.7} if far else None,
         )
+        text.set_in_layout(False)
 
 
-def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+def _hit(box: Sequence[float], taken: Sequence[Sequence[float]]) -> bool:
+    return any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken)
 
 
-def _inside(ax: Axes, box: tuple[float, ...]) -> bool:
-    area = ax.get_window_extent()
-    return box[0] > area.x0 and box[2] < area.x1 and box[1] > area.y0 and box[3] < area.y1
-
-
-def _extrapolated(point: Point) -> bool:
-    return point.extrapolated
-
-
-def _dot(label: str, **style: str) -> Line2D:
-    return Line2D([], [], linestyle="none", marker="o", label=label, **style)
+def _within(box: Sequence[float], area: Sequence[float]) -> bool:
+    return area[0] < box[0] and box[2] < area[2] and area[1] < box[1] and box[3] < area[3]

@@ -65,11 +65,12 @@ def uniform_run(ntm: str, *, frames: int, size: int, beside: Path) -> Mapping[st
         with tempfile.TemporaryDirectory(dir=beside) as place:
             source = Path(place) / "in"
             source.mkdir()
-            for map_name, value in (("kd", (0.2, 0.1, 0.05)), ("ks", (0.04, 0.04, 0.04))):
-                write_exr(
-                    source / f"{map_name}.exr", np.broadcast_to(np.float32(value), (side, side, 3))
-                )
-            write_exr(source / "alpha.exr", np.full((side, side), 0.2, np.float32))
+            for map_name, shape in (
+                ("kd", (side, side, 3)),
+                ("ks", (side, side, 3)),
+                ("alpha", (side, side)),
+            ):
+                write_exr(source / f"{map_name}.exr", np.full(shape, 0.2, np.float32))
             output = Path(place) / "out"
             clock = time.process_time()
             age(AgeRequest(source, ntm, output, frames=frames, onset="none"), Silent())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -20,8 +20,8 @@ from model_runtime.temporal.models import LatentLSTM
 from ..kept import identity
 from .methods import WEIGHTS
 from .pareto_runs import kept_json
-from .synthesis_cases import Case, make_cases
-from .synthesis_methods import Rung, Transferred, load_models, method_for
+from .synthesis_cases import make_cases
+from .synthesis_methods import Models, Rung, Transferred, load_models, method_for
 from .synthesis_results import Curve
 from .synthesis_scoring import Scorer
 from .synthesis_sphere import TexturedSphere
@@ -35,7 +35,6 @@ CASES = ("s1_a0.8_b0.1", "s2_a0.8_b0.1", "s3")
 RIVALS = ("stt", "staf", "paper")
 
 _PAPER_SAMPLES = 16_200
-_PAPER_TEXELS = 4
 
 
 @dataclass(frozen=True)
@@ -55,25 +54,25 @@ class Truth:
     """The first material of each of `CASES`, `pixels` wide, and where what is taught on them stays.
 
     Methods that model latents texel by texel are given every `stride`-th row and column of the
-    sphere. `weights` is the folder of the paper's trained encoder.
+    sphere. `weights` is the folder of the paper's trained encoder, whose pipeline is timed on
+    `paper_texels`.
     """
 
     data: Path
     kept: Path
     pixels: int = 64
     stride: int = 6
-    teaching: Teaching = Teaching()  # noqa: RUF009
+    teaching: Teaching = field(default_factory=Teaching)
     weights: Path = WEIGHTS
+    paper_texels: int = 4
 
     def setting(self, name: str, effort: Effort, rung: str) -> TruthRun:
         """Ageing with `effort` by `rung`, or "auto", of a ladder taught on the case's source, from
         the parameters of the target's first frame, as maps hold them.
         """
 
-        def one(case: Case) -> tuple[float, float, bool]:
-            stage = Stage.of(case, self._sphere)
-            method = method_for("ours", case, self._models)
-            assert isinstance(method, Rung)
+        def one(stage: Stage) -> tuple[float, float, bool]:
+            method = self._ladder(stage)
             used = method.rung(stage) if rung == "auto" else rung
             dear = used == "lstm_latents" and effort.step == 0
             pixels = stage.sphere.few if dear else torch.arange(len(stage.texels))
@@ -96,62 +95,72 @@ class Truth:
         a few texels, as far as maps: with the fit.
         """
 
-        def one(case: Case) -> tuple[float, float, bool]:
-            stage = Stage.of(case, self._sphere)
-            scorer = Scorer(
-                case, lambda: stage, self._models, self.kept, f"{self.pixels} {self.stride}"
-            )
+        def one(stage: Stage) -> tuple[float, float, bool]:
+            look = f"{self.pixels} {self.stride}"
+            scorer = Scorer(stage.case, lambda: stage, self._models, self.kept, look)
             psnr = scorer.score(name).curves["score"].json()["mean"]
             method = scorer.method(name)
             if isinstance(method, Transferred):
                 clock = time.process_time()
-                method.model.synthesize(stage.initial, case.target.times)
+                method.model.synthesize(stage.initial, stage.case.target.times)
                 return psnr, time.process_time() - clock, False
             representation, _ = self._models.encoders["paper"]
-            seconds = paper_pipeline_seconds(representation, stage.start[:_PAPER_TEXELS])
+            seconds = paper_pipeline_seconds(representation, stage.start[: self.paper_texels])
             return psnr, seconds * len(stage.start), True
 
         return self._run(name, name, one)
 
-    def paper_seconds(self, texels: int = _PAPER_TEXELS) -> float:
+    def paper_seconds(self) -> float:
         """Of one core, that the paper's pipeline takes for a texel and its 36 frames."""
         representation, _ = self._models.encoders["paper"]
-        states = torch.rand(texels, 7, generator=torch.Generator().manual_seed(0))
+        states = torch.rand(self.paper_texels, 7, generator=torch.Generator().manual_seed(0))
         return paper_pipeline_seconds(representation, states)
 
     def _run(
-        self, name: str, what: str, one: Callable[[Case], tuple[float, float, bool]]
+        self, name: str, what: str, one: Callable[[Stage], tuple[float, float, bool]]
     ) -> TruthRun:
         look = f"{what} {self.pixels} {self.stride} {self.teaching}"
         encoders = (encoder for _, encoder in self._models.encoders.values())
-        made_from = identity(look, *encoders, *(describe(case.target) for case in self._cases))
+        made_from = identity(look, *encoders, *self._described)
 
         def make() -> dict[str, object]:
-            found = [one(case) for case in self._cases]
-            psnr = {
-                case.name: round(each[0], 3) for case, each in zip(self._cases, found, strict=True)
-            }
+            found = [one(stage) for stage in self._stages]
+            names = (stage.case.name for stage in self._stages)
+            psnr = {name: round(each[0], 3) for name, each in zip(names, found, strict=True)}
             seconds = sum(each[1] for each in found) / len(found)
             return asdict(TruthRun(psnr, round(seconds, 4), any(each[2] for each in found)))
 
         path = self.kept / f"truth_{name}.json".replace(" ", "_").replace("/", "by")
         return TruthRun(**kept_json(path, made_from, make))
 
-    @cached_property
-    def _models(self):
-        return load_models(
-            ("ours", *RIVALS), School(self.kept, self.teaching), weights=self.weights
-        )
+    def _ladder(self, stage: Stage) -> Rung:
+        """Taught on the case's source; asked for by every setting."""
+        if stage.case.key not in self._taught:
+            method = method_for("ours", stage.case, self._models)
+            assert isinstance(method, Rung)
+            self._taught[stage.case.key] = method
+        return self._taught[stage.case.key]
 
     @cached_property
-    def _sphere(self) -> TexturedSphere:
-        return TexturedSphere.load(
+    def _taught(self) -> dict[str, Rung]:
+        return {}
+
+    @cached_property
+    def _models(self) -> Models:
+        school = School(self.kept, self.teaching)
+        return load_models(("ours", *RIVALS), school, weights=self.weights)
+
+    @cached_property
+    def _stages(self) -> list[Stage]:
+        sphere = TexturedSphere.load(
             self.data / "hdri", pixels=self.pixels, stride=self.stride, kept=self.kept
         )
+        cases = (next(iter(make_cases(self.data, (name,), size=self.pixels))) for name in CASES)
+        return [Stage.of(case, sphere) for case in cases]
 
     @cached_property
-    def _cases(self) -> list[Case]:
-        return [next(iter(make_cases(self.data, (name,), size=self.pixels))) for name in CASES]
+    def _described(self) -> list[str]:
+        return [f"{describe(s.case.source)} {describe(s.case.target)}" for s in self._stages]
 
 
 def paper_pipeline_seconds(
