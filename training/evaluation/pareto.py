@@ -42,6 +42,7 @@ def evaluate_pareto(
     output: Path,
     *,
     pixels: int = 64,
+    size: int | None = None,
     frames: int = 36,
     texels: int = 4096,
     latents_texels: int = 512,
@@ -55,8 +56,9 @@ def evaluate_pareto(
     """Run every one of `settings` on every material of `data`/pbr (or on `materials` alone); write
     `pareto.json`, `.md` and `.png` to `output`.
 
-    pixels: width of the cases with a known truth; the maps that are aged are 16 times as wide, and
-    a quarter and four times that to see how time and memory grow, with `large_frames` frames
+    pixels: width of the cases with a known truth
+    size: width of the maps that are aged, by default 16 times that; a quarter and four times as
+    wide ones, with `large_frames` frames, show how time and memory grow
     texels: of each material that are held against exact; `latents_texels` where latents are decoded
     teaching: what is spent on learning the cases with a known truth; `paper_texels`: on how many
     the paper's pipeline is timed
@@ -64,13 +66,12 @@ def evaluate_pareto(
     Every run is kept in `output`/kept once it has been made: an interrupted call goes on there, and
     a finished one is only written again.
     """
-    size = _TIMES * pixels
+    size = size or _TIMES * pixels
     kept = output / "kept"
     kept.mkdir(parents=True, exist_ok=True)
     folders = _materials(data, materials)
     bench = _Bench(folders, ntm, size, frames, texels, latents_texels, kept)
     truth = Truth(data, kept, pixels, teaching=teaching or Teaching(), paper_texels=paper_texels)
-    before = os.getloadavg()[0]
     # The first run imports and allocates what a warm worker already has.
     age(AgeRequest(folders[0], ntm, kept / "maps", frames=2, size=32), Silent())
     shutil.rmtree(kept / "maps")
@@ -106,7 +107,7 @@ def evaluate_pareto(
         points,
         figures(by_name, runs, probes, latents_seconds=each, size=size, frames=frames),
         savings(by_name, probes),
-        _machine(before),
+        _machine(max(run.load for each in runs.values() for run in each.values())),
         {
             "size": size,
             "quarter": _QUARTER,
@@ -237,13 +238,12 @@ def _rival(name: str, truth: TruthRun, balanced: Point, size: int, pixels: int) 
     )
 
 
-def _machine(before: float) -> dict[str, Any]:
-    """What it was measured on, and how busy that was otherwise."""
+def _machine(load: float) -> dict[str, Any]:
+    """What it was measured on; `load` is the highest load average of any run, 1 on a quiet one."""
     return {
         "processor": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
         "system": platform.platform(),
         "torch": torch.__version__,
-        "load_before": round(before, 2),
-        "load_after": round(os.getloadavg()[0], 2),
+        "highest_load": round(load, 2),
     }

@@ -9,8 +9,10 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 
 from .pareto_results import ParetoReport, Point
+from .pareto_settings import LATENTS
 
 __all__ = ("draw_chart",)
 
@@ -115,22 +117,27 @@ def _draw(ax: Axes, marks: Sequence[_Mark]) -> None:
             zorder=3 if quality else 2,
         )
     ax.set_xscale("log")
+    ax.xaxis.set_major_formatter(FuncFormatter(_plain))
+    ax.xaxis.set_minor_formatter(FuncFormatter(_few))
+    ax.tick_params(axis="x", which="minor", labelsize=7)
     ax.margins(x=0.1, y=0.12)
     ax.grid(color="#e4e4e4", linewidth=0.6)
 
 
 def _label(ax: Axes, marks: Sequence[_Mark]) -> None:
-    """Names beside the points, as near as they find room."""
+    """Names beside the points, as near as they find room; what all have in common is left out."""
+    short = all(mark.name.startswith(LATENTS) for mark in marks)
     area = ax.get_window_extent()
     at = {mark.name: ax.transData.transform((mark.seconds, mark.psnr)) for mark in marks}
-    taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in at.values()]
+    taken = [(x - 6, y - 6, x + 6, y + 6) for x, y in at.values()]
     for mark in sorted(marks, key=lambda mark: mark.knob != ""):
         x, y = at[mark.name]
-        width = _LETTER * len(mark.name)
+        name = mark.name.removeprefix(f"{LATENTS}, ") if short else mark.name
+        width = _LETTER * len(name)
         boxes = [
             (left, y + shift - _LINE / 2, left + width, y + shift + _LINE / 2)
             for shift in sorted(range(-220, 221, 4), key=abs)
-            for left in (x + 9, x - 9 - width, x - width / 2)
+            for left in (x + 10, x - 10 - width, x - width / 2)
         ]
         box = next(
             (box for box in boxes if _within(box, area.extents) and not _hit(box, taken)), boxes[0]
@@ -138,7 +145,7 @@ def _label(ax: Axes, marks: Sequence[_Mark]) -> None:
         taken.append(box)
         far = abs((box[1] + box[3]) / 2 - y) > _LINE
         text = ax.annotate(
-            mark.name,
+            name,
             (mark.seconds, mark.psnr),
             xytext=((box[0] + box[2]) / 2, (box[1] + box[3]) / 2),
             textcoords="figure pixels",
@@ -149,6 +156,15 @@ def _label(ax: Axes, marks: Sequence[_Mark]) -> None:
             arrowprops={"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.7} if far else None,
         )
         text.set_in_layout(False)
+
+
+def _plain(seconds: float, _: object) -> str:
+    return f"{seconds:g}"
+
+
+def _few(seconds: float, _: object) -> str:
+    """Of the ticks between powers of ten, those of 2 and 5."""
+    return f"{seconds:g}" if f"{seconds:e}"[0] in "25" else ""
 
 
 def _hit(box: Sequence[float], taken: Sequence[Sequence[float]]) -> bool:

@@ -27,7 +27,7 @@ from model_runtime.writing import maps_of
 
 from ..kept import identity, keep, read_kept
 
-__all__ = ("Exact", "compared", "exact_texels")
+__all__ = ("Exact", "compared", "exact_texels", "interpolated")
 
 _COMPARED = 9
 
@@ -84,7 +84,7 @@ class Exact:
         total = 0.0
         for file, weight in mix:
             pixels = read_image(folder / file, color=color)
-            total = total + np.float32(weight) * _interpolated(pixels, self.size, self.rows.numpy())
+            total = total + np.float32(weight) * interpolated(pixels, self.size, self.rows.numpy())
         return np.asarray(total, np.float32)[:, None]
 
 
@@ -154,7 +154,7 @@ def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
     return torch.from_numpy(stacked.reshape(-1, 7).copy())
 
 
-def _interpolated(pixels: np.ndarray, size: Sequence[int], rows: np.ndarray) -> np.ndarray:
+def interpolated(pixels: np.ndarray, size: Sequence[int], rows: np.ndarray) -> np.ndarray:
     """The values [n, ...] of a map [h, w, ...] at the texels `rows` of a map of `size`: linear
     between texel centres, tiled.
     """
