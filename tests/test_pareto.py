@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from hypothesis import strategies as st
 
 from model_runtime.age import AgeRequest, age
 from model_runtime.errors import InputError
+from training.__main__ import main
 from training.evaluation.pareto import evaluate_pareto
 from training.evaluation.pareto_exact import compared, exact_texels, interpolated
 from training.evaluation.pareto_report import tables
@@ -27,7 +27,6 @@ from training.ntm import NTMConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-ROOT = Path(__file__).resolve().parents[1]
 MATERIAL = "PaintedMetal004"
 TINY = Effort(NTMConfig(iterations=2, batch=8), 24, NTMConfig(iterations=2, batch=8), 2)
 MEASURED = (
@@ -228,16 +227,10 @@ def test_kept_json_is_made_again_only_where_it_must(tmp_path: Path):
     assert kept_json(path, "y", make) == 3
 
 
-def test_what_does_not_exist_is_said(data_folder: Path, tmp_path: Path):
+def test_what_does_not_exist_is_said(data_folder: Path, tmp_path: Path, capsys, monkeypatch):
     with pytest.raises(InputError, match="'Wood'"):
         evaluate_pareto(data_folder, tmp_path, materials=("Wood",))
-    words = ("-m", "training", "evaluate", "pareto", "--methods", "ours", "--output", "x")
-    done = subprocess.run(
-        [sys.executable, *words],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert "--methods" in done.stderr
+    words = ("training", "evaluate", "pareto", "--methods", "ours", "--output", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", list(words))
+    assert main() == 2
+    assert "--methods" in capsys.readouterr().err

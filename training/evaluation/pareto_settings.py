@@ -75,6 +75,7 @@ SETTINGS = (
     _latents("latents, m = 64", "samples", samples=64),
     _latents("latents, m = 258", "samples", samples=258),
     _latents("latents, 10 alphas", "fit", fit=FitEffort(candidates=10)),
+    _latents("latents, 2 refinements", "fit", fit=FitEffort(refinements=2)),
     _latents("latents, no refinement", "fit", fit=FitEffort(refinements=0)),
     _latents("latents, single precision", "precision", fit=FitEffort(precision=torch.float32)),
 )
