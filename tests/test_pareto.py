@@ -19,7 +19,7 @@ from training.__main__ import main
 from training.evaluation.pareto import evaluate_pareto
 from training.evaluation.pareto_exact import compared, exact_texels, interpolated
 from training.evaluation.pareto_report import tables
-from training.evaluation.pareto_results import on_front
+from training.evaluation.pareto_results import better_than
 from training.evaluation.pareto_runs import Silent, kept_json
 from training.evaluation.pareto_settings import SETTINGS, setting
 from training.evaluation.synthesis_training import Effort
@@ -184,17 +184,18 @@ class TestExact:
 class TestFront:
     def test_by_hand(self):
         seconds, psnr = [1, 2, 3, 2.5, 1], [30, 40, 50, 35, 29]
-        assert on_front(seconds, psnr) == [True, True, True, False, False]
+        assert better_than(seconds, psnr) == [[], [], [], [1], [0]]
 
-    def test_equals_are_all_on_it(self):
-        assert on_front([1, 1], [40, 40]) == [True, True]
+    def test_what_noise_may_have_done_takes_nobody_off(self):
+        assert better_than([1, 1.02, 1.1], [40, 40, 40.05]) == [[], [], []]
+        assert better_than([1, 1.1], [40, 40]) == [[], [0]]
 
     @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), min_size=1, max_size=12))
     def test_for_every_point_off_it_one_on_it_is_as_good(self, pairs):
-        front = on_front(*zip(*pairs, strict=True))
-        kept = [pair for pair, on in zip(pairs, front, strict=True) if on]
+        better = better_than(*zip(*pairs, strict=True), noise=(0.0, 0.0))
+        front = [pair for pair, others in zip(pairs, better, strict=True) if not others]
         for cost, gain in pairs:
-            assert any(c <= cost and g >= gain for c, g in kept)
+            assert any(c <= cost and g >= gain for c, g in front)
 
 
 def test_each_setting_turns_one_knob():

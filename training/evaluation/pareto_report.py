@@ -49,9 +49,12 @@ def _points(report: ParetoReport) -> str:
             f"| {_front(point)} |"
         )
     lines += ["", "\\* worked out from fewer texels."]
-    off = [p.name for p in report.points if p.name in _DEFAULTS and not p.front]
-    if off:
-        lines += ["", f"Not on the front: {', '.join(off)}."]
+    sizes = {point.name: point.megabytes or 0.0 for point in report.points}
+    for point in report.points:
+        if point.name in _DEFAULTS and not point.front:
+            better = ", ".join(f"{name} ({sizes[name]:.0f} MB)" for name in point.beaten_by)
+            size = sizes[point.name]
+            lines += ["", f"{point.name} ({size:.0f} MB) is not on the front: {better} beat it."]
     return "\n".join(lines)
 
 

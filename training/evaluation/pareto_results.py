@@ -10,7 +10,10 @@ from .pareto_runs import Run
 from .pareto_settings import Setting
 from .pareto_truth import TruthRun
 
-__all__ = ("Figure", "ParetoReport", "Point", "Saving", "on_front", "point_of", "with_fronts")
+__all__ = ("Figure", "ParetoReport", "Point", "Saving", "better_than", "point_of", "with_fronts")
+
+_NOISE = (0.03, 0.1)
+"""Share of the seconds by which a quiet machine's own runs differ, and dB that nobody sees."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,7 @@ class Point:
     extrapolated: whether the seconds are partly worked out from fewer texels
     front, truth_front: whether no other of the panel is faster and as near to exact; and, in
     modelling alone, to the truth
+    beaten_by: those of the panel that are, where it is not on the front
     """
 
     name: str
@@ -42,6 +46,7 @@ class Point:
     extrapolated: bool = False
     front: bool = False
     truth_front: bool = False
+    beaten_by: Sequence[str] = ()
 
     @property
     def mean(self) -> float | None:
@@ -78,6 +83,7 @@ class Point:
                 "materials": {name: round(value, 2) for name, value in self.psnr.items()},
             },
             "front": self.front,
+            "beaten_by": list(self.beaten_by),
             "bytes": None if self.megabytes is None else round(self.megabytes * 1e6),
             "entries": _rounded(self.entries, 1),
             "frames_written": _rounded(self.frames, 1),
@@ -173,14 +179,21 @@ def point_of(setting: Setting, runs: Mapping[str, Run], truth: TruthRun | None) 
     )
 
 
-def on_front(costs: Sequence[float], gains: Sequence[float]) -> list[bool]:
-    """Which points no other is at least as good as in both, and better in one."""
+def better_than(
+    costs: Sequence[float], gains: Sequence[float], *, noise: tuple[float, float] = _NOISE
+) -> list[list[int]]:
+    """By point, the places of those that are at least as good in both, and better in one by more
+    than `noise`: a share of the seconds, or so many dB. Those without any make the Pareto front.
+    """
+    share, least = noise
+    both = list(enumerate(zip(costs, gains, strict=True)))
     return [
-        not any(
-            c <= cost and g >= gain and (c < cost or g > gain)
-            for c, g in zip(costs, gains, strict=True)
-        )
-        for cost, gain in zip(costs, gains, strict=True)
+        [
+            place
+            for place, (c, g) in both
+            if c <= cost and g >= gain and (c < cost * (1 - share) or g > gain + least)
+        ]
+        for _, (cost, gain) in both
     ]
 
 
@@ -189,15 +202,16 @@ def with_fronts(points: Sequence[Point]) -> list[Point]:
     found = {point.name: point for point in points}
     for panel in {point.panel for point in points}:
         shown = [p for p in points if p.panel == panel and p.mean is not None]
-        front = on_front([p.core for p in shown], [p.mean or 0.0 for p in shown])
-        for point, is_on in zip(shown, front, strict=True):
-            found[point.name] = replace(found[point.name], front=is_on)
+        better = better_than([p.core for p in shown], [p.mean or 0.0 for p in shown])
+        for point, places in zip(shown, better, strict=True):
+            names = [shown[place].name for place in places]
+            found[point.name] = replace(found[point.name], front=not names, beaten_by=names)
     known = [p for p in points if p.truth is not None]
-    front = on_front(
+    better = better_than(
         [p.truth.seconds for p in known if p.truth], [p.truth_mean or 0.0 for p in known]
     )
-    for point, is_on in zip(known, front, strict=True):
-        found[point.name] = replace(found[point.name], truth_front=is_on)
+    for point, places in zip(known, better, strict=True):
+        found[point.name] = replace(found[point.name], truth_front=not places)
     return list(found.values())
 
 
