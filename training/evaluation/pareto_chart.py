@@ -153,6 +153,8 @@ def _label(ax: Axes, marks: Sequence[_Mark]) -> None:
             ha="center",
             va="center",
             color=_COLORS[mark.knob],
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.3},
+            zorder=1.5,
             arrowprops={"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.7} if far else None,
         )
         text.set_in_layout(False)

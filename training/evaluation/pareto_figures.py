@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -130,18 +131,10 @@ def figures(
         )
     )
     found.append(_memory(f"memory, {size}, {frames} frames", probes.usual, 2))
-    small, large = min(probes.large), max(probes.large)
-    found.append(_memory(f"memory, {large}, {probes.frames} frames", probes.large[large], 4))
-    growth = probes.large[large]["core"] / probes.large[small]["core"]
-    linear = (large / small) ** 2
-    found.append(
-        Figure(
-            f"growth of time from {small} to {large}, {probes.frames} frames",
-            f"<= {linear:g} x, as the texels",
-            f"{growth:.1f} x in core seconds",
-            growth <= linear,
-        )
-    )
+    largest = max(probes.large)
+    large = _memory(f"memory, {largest}, {probes.frames} frames", probes.large[largest], 4)
+    found.append(large)
+    found.append(_growth(probes))
     found.append(
         Figure(
             "warm worker, click to first progress message",
@@ -184,6 +177,22 @@ def _models(points: Mapping[str, Point], without: str, with_it: str) -> tuple[fl
 def _memory(name: str, run: Mapping[str, Any], gigabytes: int) -> Figure:
     peak = run["peak_rss_mb"] / _MB
     return Figure(name, f"<= {gigabytes} GB", f"{peak:.2f} GB", peak <= gigabytes)
+
+
+def _growth(probes: Probes) -> Figure:
+    """From the smallest to the largest; and from each to the next, since small maps take a time
+    that does not grow.
+    """
+    sizes, core = sorted(probes.large), {size: run["core"] for size, run in probes.large.items()}
+    linear = (sizes[-1] / sizes[0]) ** 2
+    growth = core[sizes[-1]] / core[sizes[0]]
+    steps = ", ".join(f"{core[b] / core[a]:.1f} x to {b}" for a, b in itertools.pairwise(sizes))
+    return Figure(
+        f"growth of time from {sizes[0]} to {sizes[-1]}, {probes.frames} frames",
+        f"<= {linear:g} x, as the texels",
+        f"{growth:.1f} x in core seconds ({steps})",
+        growth <= linear,
+    )
 
 
 def _cheapest_as_good(points: Mapping[str, Point], paper: Point | None) -> Point | None:
