@@ -256,22 +256,16 @@ def timing_maps(
 
 
 def _rung(run: _Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
-    """The model of change to use: what was asked for, or the NTM's own choice within its domain.
-
-    Most of a material lying far from everything the NTM was trained on, its LSTMs would extrapolate
-    in silence; the affine rung cannot run away, and says so.
-    """
+    """The model of change to use: what was asked for, or what suits the material."""
     if run.request.temporal_model != "auto":
         return run.request.temporal_model
-    sample = initial[:: max(1, len(initial) // 4096)]
-    share = float(ntm.domain.outside(sample).float().mean())
-    if share > FOREIGN_SHARE and ntm.chosen != "constant":
+    rung, share = ntm.suited(initial)
+    if rung == "affine" and share > FOREIGN_SHARE:
         run.warn(
             f"{share:.0%} of this material is unlike anything {ntm.card.title} was trained on; "
             "a plain affine change is used. Choose a temporal model yourself to override this."
         )
-        return "affine"
-    return ntm.chosen
+    return rung
 
 
 def _device() -> torch.device:

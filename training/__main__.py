@@ -120,7 +120,7 @@ def weathering(
 
 @app.command
 def evaluate(
-    what: tyro.conf.Positional[Literal["representation", "synthesis"]],
+    what: tyro.conf.Positional[Literal["representation", "synthesis", "pareto"]],
     output: Path,
     pixels: int = 64,
     methods: tuple[str, ...] = (),
@@ -131,16 +131,25 @@ def evaluate(
 
     Args:
         what: the PSNR of BRDF representations on every set of materials, or of models of change on
-            every case of synthesis.
+            every case of synthesis; or speed against accuracy, and the time and memory of ageing.
         output: the folder to write; what is finished there is not done again.
-        pixels: width of the rendered spheres (fewer is faster and rougher).
+        pixels: width of the rendered spheres (fewer is faster and rougher); pareto ages maps 16
+            times as wide.
         methods: only these (ours, paper, brdfnps, nbrdf, stt, ...); all by default.
         cases: of synthesis, only these (s1_a0.6_b0.05, s3, real_tvbtf45, ...); all by default.
         json: print the report on stdout as JSON instead of a table.
     """
     from .data.location import data_folder
 
-    if what == "representation":
+    if what == "pareto":
+        from .evaluation.pareto import evaluate_pareto
+        from .evaluation.pareto_report import tables
+
+        if methods or cases:
+            raise UsageError("Pareto takes all.", "Leave out --methods and --cases.")
+        report = evaluate_pareto(data_folder(), output, pixels=pixels)
+        table = tables(report)
+    elif what == "representation":
         from .evaluation.report import main_table
         from .evaluation.representation import evaluate_representation
 

@@ -10,13 +10,15 @@ from torch import Tensor
 from ..errors import ModelFileError
 from ..package import ModelCard, load_model
 from ..timing import Timing
-from .domain import MOST_CENTRES, Domain
+from .domain import FOREIGN_SHARE, MOST_CENTRES, Domain
 from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
 
 __all__ = ("LADDER", "NeuralTemporalModel")
 
 LADDER = ("constant", "affine", "lstm_parameters", "lstm_latents")
 """The models of change, cheapest first; the last works on latents, the others on parameters."""
+
+_SAMPLE = 4096  # texels that tell whether a material is foreign
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,17 @@ class NeuralTemporalModel:
             "lstm_parameters": self.parameters,
             "lstm_latents": self.latents,
         }[name]
+
+    def suited(self, initial: Tensor) -> tuple[str, float]:
+        """The name of the rung to use for states [n, 7], and the share of them that are unlike
+        everything it was trained on.
+
+        Where most are, the LSTMs would extrapolate in silence; the affine rung cannot run away.
+        """
+        sample = initial[:: max(1, len(initial) // _SAMPLE)]
+        share = float(self.domain.outside(sample).float().mean())
+        foreign = share > FOREIGN_SHARE and self.chosen != "constant"
+        return "affine" if foreign else self.chosen, share
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything that a file must hold, by name."""

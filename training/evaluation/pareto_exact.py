@@ -27,7 +27,7 @@ from model_runtime.writing import maps_of
 
 from ..kept import identity, keep, read_kept
 
-__all__ = ("Exact", "compared", "exact_texels")
+__all__ = ("Exact", "compared", "exact_texels", "interpolated")
 
 _COMPARED = 9
 
@@ -84,7 +84,7 @@ class Exact:
         total = 0.0
         for file, weight in mix:
             pixels = read_image(folder / file, color=color)
-            total = total + np.float32(weight) * _interpolated(pixels, self.size, self.rows.numpy())
+            total = total + np.float32(weight) * interpolated(pixels, self.size, self.rows.numpy())
         return np.asarray(total, np.float32)[:, None]
 
 
@@ -99,9 +99,9 @@ def exact_texels(
     kept: Path,
     seed: int = 0,
 ) -> Exact:
-    """`texels` random ones of `material` (all, where it has fewer), the same for every rung, aged
-    by `rung` of the bundled model `ntm_name` with the onset that `age --size size` gives them. What
-    was modelled stays in the folder `kept`.
+    """`texels` random ones of `material` (all, where it has fewer), aged by `rung` (or "auto") of
+    the bundled model `ntm_name` with the onset that `age --size size` gives them. What was modelled
+    stays in the folder `kept`.
     """
     representation, encoder = load_representation()
     ntm_path = find_model(ntm_name)
@@ -110,6 +110,7 @@ def exact_texels(
     read = read_input(material, size=size)
     assert isinstance(read, PrincipledMaps)
     initial, shape, _ = initial_states(read, request)
+    rung = ntm.suited(initial)[0] if rung == "auto" else rung
     onset, rate = (
         None if each is None else torch.from_numpy(each.reshape(-1))
         for each in timing_maps(request, ntm, shape)
@@ -120,7 +121,7 @@ def exact_texels(
     authored = read.map(lambda pixels: pixels.reshape(len(initial), 1, *pixels.shape[2:])[rows])
     times = tuple(k / (frames - 1) for k in compared(frames))
 
-    path = kept / f"exact_{material.name}_{rung}.safetensors"
+    path = kept / f"exact_{size}_{material.name}_{rung}.safetensors"
     model = identity(*ntm.tensors().values())
     made_from = identity(initial[chosen], encoder, model, f"{rung} {times} {seed} {size}")
     stored = read_kept(path, made_from)
@@ -153,7 +154,7 @@ def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
     return torch.from_numpy(stacked.reshape(-1, 7).copy())
 
 
-def _interpolated(pixels: np.ndarray, size: Sequence[int], rows: np.ndarray) -> np.ndarray:
+def interpolated(pixels: np.ndarray, size: Sequence[int], rows: np.ndarray) -> np.ndarray:
     """The values [n, ...] of a map [h, w, ...] at the texels `rows` of a map of `size`: linear
     between texel centres, tiled.
     """

@@ -58,7 +58,6 @@ LATENTS = "latents"
 SETTINGS = (
     Setting("draft", "", EFFORTS["draft"]),
     Setting("balanced", "", _BALANCED),
-    Setting("palette 0.2", "palette", replace(_BALANCED, step=0.2, checked=False)),
     Setting("palette 0.1", "palette", replace(_BALANCED, step=0.1, checked=False)),
     Setting("palette 0.025", "palette", replace(_FINER, checked=False)),
     Setting("unchecked", "palette", replace(_BALANCED, checked=False)),
@@ -72,9 +71,9 @@ SETTINGS = (
     _latents(LATENTS, ""),
     _latents("latents, palette 0.12", "palette", step=0.12, checked=False),
     _latents("latents, m = 16", "samples", samples=16),
-    _latents("latents, m = 64", "samples", samples=64),
     _latents("latents, m = 258", "samples", samples=258),
     _latents("latents, 10 alphas", "fit", fit=FitEffort(candidates=10)),
+    _latents("latents, 2 refinements", "fit", fit=FitEffort(refinements=2)),
     _latents("latents, no refinement", "fit", fit=FitEffort(refinements=0)),
     _latents("latents, single precision", "precision", fit=FitEffort(precision=torch.float32)),
 )

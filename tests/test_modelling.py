@@ -1,0 +1,98 @@
+"""Effort: what a quality means, and that its knobs turn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from model_runtime.age import AgeRequest, age
+from model_runtime.brdf.torrance_sparrow import evaluate
+from model_runtime.fit import FitEffort, fit_angles, fit_torrance_sparrow
+from model_runtime.modelling import EFFORTS, Effort, model_texels
+from model_runtime.package import find_model
+from model_runtime.plan import appearance_psnr
+from model_runtime.representation import load_representation
+from model_runtime.temporal.ntm import NeuralTemporalModel
+from tests.ageing import Listener, contents, run
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+@pytest.fixture(scope="module")
+def rust():
+    representation, encoder = load_representation()
+    return NeuralTemporalModel.load(find_model("rust"), encoder), representation
+
+
+def texels(n: int) -> torch.Tensor:
+    return torch.rand(n, 7, generator=torch.Generator().manual_seed(0)) * 0.5 + 0.1
+
+
+def test_an_effort_that_is_given_is_spent_whatever_the_quality(paint: Path, tmp_path: Path):
+    run(paint, tmp_path / "draft", frames=2, size=16, quality="draft")
+    request = AgeRequest(paint, "rust", tmp_path / "given", frames=2, size=16)
+    age(request, Listener(), EFFORTS["draft"])
+    draft, given = (contents(tmp_path / name) for name in ("draft", "given"))
+    assert draft.pop("aged.json") != given.pop("aged.json")
+    assert draft == given
+
+
+def test_finer_cells_are_nearer_to_each_texel_for_itself(rust):
+    initial = texels(400)
+    truth = model_texels(initial, rust[0], "lstm_parameters", rust[1], EFFORTS["exact"])
+    assert len(truth.palette.entries) == 400
+    found = []
+    for step in (0.4, 0.1, 0.02):
+        aged = model_texels(
+            initial, rust[0], "lstm_parameters", rust[1], Effort(step=step, checked=False)
+        )
+        found.append(appearance_psnr(truth.at(0.6), aged.at(0.6)))
+    assert found == sorted(found)
+
+
+def test_only_what_is_checked_is_made_finer(rust):
+    coarse = Effort(step=0.4, checked=False)
+    entries = [
+        len(
+            model_texels(
+                texels(400), rust[0], "lstm_parameters", rust[1], effort, tolerance=60
+            ).palette.entries
+        )
+        for effort in (coarse, replace(coarse, checked=True))
+    ]
+    assert entries[0] < entries[1]
+
+
+def test_only_what_is_checked_says_what_it_misses(rust):
+    said: list[str] = []
+    for checked in (False, True):
+        effort = Effort(step=0.4, most=4, checked=checked)
+        model_texels(
+            texels(400), rust[0], "lstm_parameters", rust[1], effort, tolerance=99, warn=said.append
+        )
+    assert len(said) == 1 and "99 dB" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("effort", "most"),
+    [
+        (FitEffort(candidates=10), 1e-3),
+        (FitEffort(precision=torch.float32), 1e-3),
+        (FitEffort(refinements=0), 0.4),
+    ],
+)
+def test_a_cheaper_fit_is_still_a_fit(effort: FitEffort, most: float):
+    """Of a Torrance-Sparrow material, whose alpha is known; 40 alphas are 27 % apart."""
+    kd, ks, alpha = texels(20).split((3, 3, 1), 1)
+    fit = fit_torrance_sparrow(evaluate(kd, ks, alpha[:, 0], fit_angles()), effort=effort)
+    assert float((fit.alpha / alpha[:, 0] - 1).abs().max()) < most
+
+
+def test_a_foreign_material_is_given_the_affine_rung(rust):
+    ntm = rust[0]
+    known = ntm.domain.centres[:500].square()
+    assert ntm.suited(known) == (ntm.chosen, 0.0)
+    assert ntm.suited(torch.full((9, 7), 3.9)) == ("affine", 1.0)
