@@ -120,7 +120,9 @@ def model_texels(
     if not effort.checked:
         return aged(palette, histories)
 
-    rows = torch.linspace(0, len(initial) - 1, min(_CHECKED, len(initial))).long()
+    # At random: evenly spaced ones would fall in with the pattern of a texture.
+    chance = torch.Generator().manual_seed(0)
+    rows = torch.randint(len(initial), (min(_CHECKED, len(initial)),), generator=chance)
     own = Palette(initial[rows], torch.arange(len(rows)))
     truth = AgedTexels(own.entries, own, modelled(own), gain, None)
 
