@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -29,9 +27,6 @@ Mix = list[list[str | float]]
 _SAMPLE = 4096
 _BAND = 1 << 15
 """Texels aged at a time, in whole rows of the image: what they need stays in the cache."""
-
-_THREADS = min(4, os.cpu_count() or 1)
-"""Bands aged at the same time; with more they wait for each other."""
 
 _CHANNELS: dict[Format, dict[str, int]] = {
     "torrance-sparrow": {"kd": 3, "ks": 3, "alpha": 1},
@@ -69,13 +64,9 @@ class FrameMaps:
         stay as they are in frame 1.
         """
         planes = self._first.clone()
-
-        def age(band: _Band) -> None:
+        for band in self._bands:
             if band.texels.started(time):
                 self._fill(planes, band, band.texels.at(time))
-
-        with ThreadPoolExecutor(_THREADS) as pool:
-            list(pool.map(age, self._bands))
         return self._maps(planes)
 
     def representable(self, times: Sequence[float]) -> bool:
@@ -132,7 +123,6 @@ class FrameMaps:
             self._fill(planes, band, band.texels.initial)
         return planes
 
-    @torch.inference_mode()  # which is a thread's own
     def _fill(self, planes: Tensor, band: _Band, states: Pixels) -> None:
         """Put the maps of the first k texels of `band`, aged to `states` [7, k], into `planes`."""
         k = states.shape[1]

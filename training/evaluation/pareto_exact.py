@@ -61,24 +61,26 @@ class Exact:
     def psnr(self, folder: Path) -> list[float]:
         """PSNR in dB of the maps that `age` wrote to `folder`, at each of `times`.
 
-        Its maps may be smaller (they are then interpolated, as a renderer would) and its frames
-        fewer (the nearest is shown, as in Blender) or made of others.
+        Its maps may be smaller (they are then interpolated, as a renderer would), its frames fewer
+        (one fades into the next, as in Blender) or made of others.
         """
         report = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
-        height, width = report["size"]
         found = []
         for time_, truth in zip(self.times, self.states, strict=True):
-            frame = round(time_ * (report["frames"] - 1))
+            place = round(time_ * (report["frames"] - 1), 6)
+            frame = int(place)
             maps = {
-                name: self._texels(folder, files[frame], (height, width), name == "base_color")
+                name: sum(
+                    np.float32(share) * self._texels(folder, files[k], name == "base_color")
+                    for k, share in ((frame, frame + 1 - place), (frame + 1, place - frame))
+                    if share > 0
+                )
                 for name, files in report["files"].items()
             }
             found.append(appearance_psnr(truth, _states(maps, self.authored)))
         return found
 
-    def _texels(
-        self, folder: Path, made_of: str | list[Any], size: tuple[int, int], color: bool
-    ) -> np.ndarray:
+    def _texels(self, folder: Path, made_of: str | list[Any], color: bool) -> np.ndarray:
         """[n, 1] or [n, 1, 3] of a map that is one file, or a sum of files with weights."""
         mix = [(made_of, 1.0)] if isinstance(made_of, str) else made_of
         total = 0.0
