@@ -69,11 +69,15 @@ class Exact:
         for time_, truth in zip(self.times, self.states, strict=True):
             place = round(time_ * (report["frames"] - 1), 6)
             frame = int(place)
+            shares = ((frame, frame + 1 - place), (frame + 1, place - frame))
             maps = {
-                name: sum(
-                    np.float32(share) * self._texels(folder, files[k], name == "base_color")
-                    for k, share in ((frame, frame + 1 - place), (frame + 1, place - frame))
-                    if share > 0
+                name: np.sum(
+                    [
+                        np.float32(share) * self._texels(folder, files[k], name == "base_color")
+                        for k, share in shares
+                        if share > 0
+                    ],
+                    axis=0,
                 )
                 for name, files in report["files"].items()
             }
