@@ -120,7 +120,7 @@ def weathering(
 
 @app.command
 def evaluate(
-    what: tyro.conf.Positional[Literal["representation", "synthesis"]],
+    what: tyro.conf.Positional[Literal["representation", "synthesis", "stability"]],
     output: Path,
     pixels: int = 64,
     methods: tuple[str, ...] = (),
@@ -149,6 +149,14 @@ def evaluate(
         chosen = methods or None
         report = evaluate_representation(data_folder(), output, pixels=pixels, methods=chosen)
         table = main_table(report)
+    elif what == "stability":
+        from .evaluation.stability import STRESSES, evaluate_stability
+        from .evaluation.stability_report import stability_table
+
+        report = evaluate_stability(
+            data_folder(), output, methods=methods or None, stresses=cases or None
+        )
+        table = stability_table(report, STRESSES)
     else:
         from .evaluation.synthesis import evaluate_synthesis
         from .evaluation.synthesis_report import tables
