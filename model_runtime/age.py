@@ -149,6 +149,8 @@ def _age(run: _Run) -> dict[str, Any]:
         ntm_path = find_model(request.ntm)
         representation, identity = load_representation()
         ntm = NeuralTemporalModel.load(ntm_path, identity)
+        for doubt in ntm.warnings:
+            run.warn(f"Of what {ntm.card.title} was learned from: {doubt}")
         material = read_input(request.input, size=request.size)
         initial, size, fit_error = _initial(material, request)
     with run.timed("onset"):

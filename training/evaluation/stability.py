@@ -37,9 +37,7 @@ STRESSES: Mapping[str, Stress] = {**TARGETS, **INPUTS, **MEANS, **SOURCES}
 """By name."""
 
 _VERSION = 1
-_EFFORT = Effort(
-    NTMConfig(iterations=250, batch=64), 384, NTMConfig(iterations=300, batch=48), 32
-)
+_EFFORT = Effort(NTMConfig(iterations=250, batch=64), 384, NTMConfig(iterations=300, batch=48), 32)
 
 
 def evaluate_stability(

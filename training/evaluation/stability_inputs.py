@@ -106,7 +106,9 @@ _SHARES = (0.0, 1e-4, 0.01, 0.1, 0.5, 1.0)
 _REFUSED = "the product refuses such maps, and says where the first such texel is"
 
 INPUTS: Mapping[str, Stress] = {
-    "noise": Stress("noise on the input", "% of each value", (0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0), _noise),
+    "noise": Stress(
+        "noise on the input", "% of each value", (0.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0), _noise
+    ),
     "bits": Stress(
         "8-bit input and coarser", "bits a channel", (8.0, 6.0, 5.0, 4.0, 3.0, 2.0, 1.0), _bits
     ),

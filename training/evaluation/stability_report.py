@@ -22,7 +22,8 @@ _TOP = 75.0
 def write_report(report: StabilityReport, stresses: Mapping[str, Stress], folder: Path) -> None:
     """Write `stability.md` and `stability.png` to `folder`."""
     draw_chart(report, stresses, folder / "stability.png")
-    parts = ["# Where methods fail", stability_table(report, stresses), "![Stability](stability.png)"]
+    table = stability_table(report, stresses)
+    parts = ["# Where methods fail", table, "![Stability](stability.png)"]
     (folder / "stability.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
@@ -30,15 +31,14 @@ def stability_table(report: StabilityReport, stresses: Mapping[str, Stress]) -> 
     """A row a stress: where each method fails, and where the product says that something is
     wrong.
     """
-    methods = [
-        name for name in TITLES if any(name in found for found in report.stresses.values())
-    ]
+    methods = [name for name in TITLES if any(name in found for found in report.stresses.values())]
     lines = ["| fails at | " + " | ".join(TITLES[name] for name in methods) + " | product says |"]
     lines.append("|---" * (len(methods) + 2) + "|")
     for name, found in report.stresses.items():
         stress = stresses[name]
-        texts = [_point(stress, found[m]) if m in found else "" for m in methods]
-        lines.append(f"| {stress.title}: {stress.axis} | " + " | ".join([*texts, _said(stress, found)]) + " |")
+        points = [_point(stress, found[m]) if m in found else "" for m in methods]
+        texts = [f"{stress.title}: {stress.axis}", *points, _said(stress, found)]
+        lines.append("| " + " | ".join(texts) + " |")
     return "\n".join(lines)
 
 
@@ -81,9 +81,8 @@ def draw_chart(report: StabilityReport, stresses: Mapping[str, Stress], path: Pa
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             seen.setdefault(label, handle)
-    figure.legend(
-        list(seen.values()), list(seen), loc="outside upper center", ncols=6, frameon=False, fontsize=9
-    )
+    style = {"loc": "outside upper center", "ncols": 5, "frameon": False, "fontsize": 9}
+    figure.legend(list(seen.values()), list(seen), **style)
     figure.savefig(path, dpi=100)
 
 
@@ -98,8 +97,10 @@ def _panel(ax: Axes, stress: Stress, methods: Mapping[str, MethodResult]) -> Non
             linewidth=2.4 if ours else 1.1, zorder=3 if ours else 2,
         )  # fmt: skip
         if ours and found.noticed_from is not None:
-            at = place[found.noticed_from]
-            ax.axvspan(at, len(place) - 0.8, color="#0072B2", alpha=0.1, linewidth=0, label="the product says so")
+            said = (place[found.noticed_from], len(place) - 0.8)
+            ax.axvspan(
+                *said, color=COLORS[name], alpha=0.1, linewidth=0, label="the product says so"
+            )
     ax.axhline(FAILS_BELOW, color="#888888", linewidth=0.9, linestyle="--", label="25 dB: failed")
     ax.set_ylim(0, _TOP + 3)
     ax.set_xlim(-0.2, len(place) - 0.8)

@@ -86,7 +86,7 @@ def _rival(trial: Trial, stage: GivenStage, method: Method) -> Outcome:
     if isinstance(method, Transferred):
         sequence = method.model.synthesize(stage.initial, trial.case.target.times)
         return _scored_states(trial, stage, states_of(sequence).flatten(1, 2)[trial.frames], None)
-    pixels = stage.sphere.few if method.dear(stage) else torch.arange(len(stage.texels))
+    pixels = _few(stage) if method.dear(stage) else torch.arange(len(stage.texels))
     if isinstance(method, Decoded):
         steps = None if trial.span > 1 else len(trial.case.source.times)
         method = replace(method, samples=trial.samples or method.samples, steps=steps)
@@ -105,6 +105,13 @@ def _rival(trial: Trial, stage: GivenStage, method: Method) -> Outcome:
     for row, frame in enumerate(trial.frames):
         states[row, texels] = aged.at(frame / (stage.frames - 1))
     return _scored_states(trial, stage, states, pixels)
+
+
+def _few(stage: GivenStage) -> Tensor:
+    """The pixels on which a dear method is scored: where texels are broken, one such among them."""
+    shown = stage.start[stage.texels]
+    broken = (~shown.isfinite() | (shown < 0)).any(-1).nonzero()[:1, 0]
+    return torch.cat((stage.sphere.few, broken)).unique()
 
 
 def _lengthened(ntm: NeuralTemporalModel, frames: int) -> NeuralTemporalModel:

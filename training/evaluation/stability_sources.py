@@ -58,12 +58,15 @@ def _only(source: Sequence, kept: NDArray[np.bool_]) -> Sequence:
 
 
 def _learning_from(world: World, source: Sequence, key: str) -> Trial:
+    maps = ("kd", "ks", "alpha", "times")
+    if all(np.array_equal(getattr(source, m), getattr(world.source, m)) for m in maps):
+        return Trial(world.case())  # harmless: what is learned from the world's source already
     return Trial(world.case(source=source, key=key.replace(".", "")))
 
 
 SOURCES: Mapping[str, Stress] = {
     "source_frames": Stress(
-        "source with few frames", "frames", (36.0, 12.0, 6.0, 4.0, 3.0, 2.0), _frames,
+        "source with few frames", "frames", (36.0, 12.0, 5.0, 3.0, 2.0), _frames,
         note="STT and STAF refuse fewer than four frames",
     ),
     "source_gap": Stress(
@@ -71,10 +74,10 @@ SOURCES: Mapping[str, Stress] = {
     ),
     "source_flicker": Stress(
         "source that flickers", "standard deviation of its light, %",
-        (0.0, 5.0, 10.0, 20.0, 40.0, 80.0), _flicker,
+        (0.0, 5.0, 10.0, 20.0, 50.0), _flicker,
     ),
     "source_outlier": Stress(
-        "source with one outlier frame", "times too bright", (1.0, 2.0, 5.0, 20.0, 100.0),
+        "source with one outlier frame", "times too bright", (1.0, 2.0, 10.0, 100.0),
         _outlier, log=True,
     ),
 }  # fmt: skip

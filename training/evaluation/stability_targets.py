@@ -10,13 +10,13 @@ import numpy as np
 from model_runtime.maps import TorranceSparrowMaps
 
 from ..data.sequences import ALPHA_RANGE, uniform_times
-from ..data.synthetic import S1_DELTA, from_pbr, offset, s1, s2
+from ..data.synthetic import S1_DELTA, offset, s1, s2
 from .stability_trials import FRAMES, Stress, Trial, World, grown
 from .synthesis_cases import Case
 
 __all__ = ("TARGETS",)
 
-_FOREIGN = "PaintedWood007B"
+_FOREIGN = "Metal024"
 _GAP_MATERIAL = "Wood049"
 _A = 0.8
 _SPAN = 0.1  # of the process, that the source of a longer target shows
@@ -131,7 +131,7 @@ TARGETS: Mapping[str, Stress] = {
     "alpha_small": Stress(
         "\N{GREEK SMALL LETTER ALPHA} down to a mirror",
         "median \N{GREEK SMALL LETTER ALPHA} of the target",
-        (0.1, 0.03, 0.01, 1e-3, 1e-4),
+        (0.25, 0.1, 0.03, 0.01, 1e-3, 1e-4),
         _alpha,
         note=_LAW,
         log=True,
@@ -139,7 +139,7 @@ TARGETS: Mapping[str, Stress] = {
     "alpha_large": Stress(
         "\N{GREEK SMALL LETTER ALPHA} up to 1",
         "median \N{GREEK SMALL LETTER ALPHA} of the target",
-        (0.1, 0.2, 0.4, 0.7, 1.0),
+        (0.25, 0.4, 0.6, 0.8, 1.0),
         _alpha,
         note=_LAW,
     ),

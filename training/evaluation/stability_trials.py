@@ -35,20 +35,18 @@ _SCORED = 4
 class World:
     """Patches `size` texels wide of the materials in `data`/pbr, and what happens to them.
 
-    Most stresses disturb one world: copper that turns green (`kinetics`), the source one patch of
-    ambientCG's Metal024, the target another. No rung of the ladder is exact there, and before it is
-    disturbed ours, the paper's method and STT all hold.
+    Most stresses disturb one world: paint that fades (`kinetics`), the source one patch of
+    ambientCG's PaintedWood007B, the target another. No rung of the ladder is exact there, and
+    before it is disturbed every method holds.
     """
 
     data: Path
     size: int
 
-    PROCESS = "patina"
-    MATERIAL = "Metal024"
+    PROCESS = "fading"
+    MATERIAL = "PaintedWood007B"
 
-    def patches(
-        self, material: str = MATERIAL
-    ) -> tuple[TorranceSparrowMaps, TorranceSparrowMaps]:
+    def patches(self, material: str = MATERIAL) -> tuple[TorranceSparrowMaps, TorranceSparrowMaps]:
         """Source and target of a material, apart from each other."""
         source, target = (
             from_pbr(

@@ -76,8 +76,9 @@ class Transferred:
 
 @dataclass(frozen=True)
 class Decoded:
-    """An LSTM on latents with nothing added: encoded from `samples` directions, rolled out, decoded.
+    """An LSTM on latents with nothing added: encoded, rolled out, decoded.
 
+    samples: directions that the encoder reads
     steps: frames that its source had where the target has another number over the same time; the
     rollout is interpolated then.
     """

@@ -20,6 +20,7 @@ from ..data.sequences import MixtureSequence, Sequence
 from ..histories import SourceHistories, source_histories
 from ..kept import identity, keep, read_kept
 from ..ntm import NTMConfig, Run, train_ladder, train_lstm
+from ..steadiness import steadied
 from ..timing import timed
 from .synthesis_cases import states_of
 from .synthesis_stage import thinned
@@ -84,7 +85,7 @@ class School:
         `encoder` is the hash of the representation.
         """
         effort = self.effort
-        chosen = source if onset else _without_onset(source)
+        chosen = steadied(source if onset else _without_onset(source))
         spent = f"{effort.ladder} {effort.texels} {self._VERSION}"
         made_from = identity(describe(chosen), encoder, spent)
         path = self.kept / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"

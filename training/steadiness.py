@@ -1,0 +1,107 @@
+"""Whether a source can be learned from as it is: few frames, gaps, flicker, frames that stand out.
+
+A model of change that holds every frame of its source holds what is wrong with them, too, and
+held-out texels share it: cross-validation does not see it. So it is looked for here. Frames that
+stand out are dropped; the rest is said in the model's card, and by `age` whenever it is used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from model_runtime.temporal.domain import perceptual
+
+from .data.sequences import MixtureSequence, Sequence
+
+__all__ = ("flicker", "frames_that_stand_out", "steadied", "widest_gap")
+
+_TEXELS = 1024
+_FEWEST_FRAMES = 6
+_GAP = 0.15  # of the sequence's time without a frame
+_UNEVEN = 3.0  # times as long as usual
+_FLICKER = 0.01  # perceptual
+_STANDS_OUT = (3.0, 0.05)
+_MOST_DROPPED = 0.1
+
+
+def steadied(sequence: Sequence | MixtureSequence) -> Sequence | MixtureSequence:
+    """`sequence` without the frames that stand out, and with `warnings` that say what of it a
+    model cannot be sure of. Mixtures, which have no frames of their own, are returned as they are.
+    """
+    if isinstance(sequence, MixtureSequence):
+        return sequence
+    warnings: list[str] = []
+    dropped = frames_that_stand_out(sequence)
+    if dropped:
+        numbers = ", ".join(str(frame + 1) for frame in dropped)
+        warnings.append(f"Frame {numbers} stood out from those around and was left out.")
+        kept = np.setdiff1d(np.arange(len(sequence.times)), dropped)
+        parts = {name: getattr(sequence, name)[kept] for name in ("kd", "ks", "alpha", "times")}
+        sequence = replace(sequence, **parts)
+    frames = len(sequence.times)
+    if frames < _FEWEST_FRAMES:
+        warnings.append(f"There were only {frames} frames: what happens between them is a guess.")
+    gap = widest_gap(sequence.times)
+    if gap > _GAP and gap > _UNEVEN * (sequence.times[-1] - sequence.times[0]) / (frames - 1):
+        warnings.append(f"There were no frames for {gap:.0%} of the time: that part is a guess.")
+    strength = flicker(sequence)
+    if strength > _FLICKER:
+        warnings.append(
+            f"The light flickered (by {strength:.2f} of white, as a display encodes it), and so "
+            "does what was learned."
+        )
+    return replace(sequence, warnings=(*sequence.warnings, *warnings))
+
+
+def frames_that_stand_out(sequence: Sequence) -> list[int]:
+    """Frames, counted from 0, that most texels leave their way for: at least three times as far
+    from the line between their neighbours as those are from each other.
+
+    Where more than a tenth would, or the neighbours stand out as well, none does: that is flicker.
+    The first and the last frame, which have one neighbour, are taken as they are.
+    """
+    states = _shown(sequence)
+    if len(states) < 3:
+        return []
+    share = torch.from_numpy(
+        (sequence.times[1:-1] - sequence.times[:-2]) / (sequence.times[2:] - sequence.times[:-2])
+    )
+    line = torch.lerp(states[:-2], states[2:], share[:, None, None])
+    away = (states[1:-1] - line).norm(dim=-1).median(1).values
+    apart = (states[2:] - states[:-2]).norm(dim=-1).median(1).values
+    times, least = _STANDS_OUT
+    found = (away > times * apart + least).nonzero()[:, 0] + 1
+    return found.tolist() if len(found) <= _MOST_DROPPED * len(states) else []
+
+
+def flicker(sequence: Sequence) -> float:
+    """How unsteady the whole picture is from frame to frame: the standard deviation of its mean
+    over texels, in perceptual units, the mean over parameters.
+
+    Steps that are followed by steps back are unsteadiness: of independent errors with variance v
+    the product of two successive steps has the mean -v.
+    """
+    steps = _shown(sequence).mean(1).diff(dim=0)
+    if len(steps) < 2:
+        return 0.0
+    back = -(steps[1:] * steps[:-1]).mean()
+    return float(back.clamp_min(0).sqrt())
+
+
+def widest_gap(times: NDArray[np.float32]) -> float:
+    """The longest time between two frames, as a share of the whole."""
+    return float(np.diff(times).max() / (times[-1] - times[0]))
+
+
+def _shown(sequence: Sequence) -> Tensor:
+    """Perceptual states [T, n, 7] of at most 1,024 texels, evenly spaced in row order."""
+    clamped = sequence.clamped()
+    maps = (clamped.kd, clamped.ks, clamped.alpha[..., None])
+    states = np.concatenate(maps, -1).reshape(len(clamped.times), -1, 7)
+    states = states[:, :: max(1, states.shape[1] // _TEXELS)]
+    return perceptual(torch.from_numpy(states).flatten(0, 1)).unflatten(0, states.shape[:2])
