@@ -56,7 +56,7 @@ class NTMConfig:
 class Run:
     """Where a training leaves its checkpoints (`base` with the LSTM's name added, after that of the
     `fold` where it only cross-validates one) and, unless None, its TensorBoard logs; how many
-    minutes of a core it may take; from which seed.
+    minutes of a core it may take; from which seed; how many seconds it may lose when it is killed.
     """
 
     base: Path
@@ -65,6 +65,7 @@ class Run:
     minutes: float | None = None
     seed: int = 0
     fold: str = ""
+    save_every: float = 60.0
 
 
 def train_ntm(
@@ -321,7 +322,7 @@ def _train(
             bar.set_postfix_str(f"{name} loss {value.item():.5f}", refresh=False)
             if writer is not None:
                 writer.add_scalar("loss", value.item(), step)
-        if time.monotonic() - saved > 60 or step == total - 1:
+        if time.monotonic() - saved > run.save_every or step == total - 1:
             saved = time.monotonic()
             record |= {"step": step + 1, "seconds": time.process_time() - begun}
             save_checkpoint(

@@ -104,7 +104,7 @@ def _description(trial: Trial, settings: str) -> str:
     if trial.unscored is not None:
         parts.append(torch.from_numpy(trial.unscored))
     rest = (trial.last_only, trial.span, trial.palette, trial.samples, trial.dtype)
-    return identity(*parts, str(rest))
+    return identity(*parts, str(rest), "" if trial.killed is None else f"{trial.killed}")
 
 
 def _kept(

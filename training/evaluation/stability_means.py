@@ -1,4 +1,4 @@
-"""Stresses of the means: fewer samples, fewer materials modelled, coarser numbers."""
+"""Stresses of the means: fewer samples, fewer materials modelled, coarser numbers, sudden ends."""
 
 from __future__ import annotations
 
@@ -31,6 +31,10 @@ def _precision(world: World, bits: float) -> Trial:
     return Trial(world.case(), dtype=_FORMATS[bits][1])
 
 
+def _restarted(world: World, share: float) -> Trial:
+    return Trial(world.case(), killed=share or None)
+
+
 MEANS: Mapping[str, Stress] = {
     "samples": Stress(
         "samples read by the encoder", "m",
@@ -49,6 +53,11 @@ MEANS: Mapping[str, Stress] = {
         "half precision and coarser", "bits of mantissa", tuple(_FORMATS), _precision,
         note="everything given and learned is stored in the format, and computed with in float32",
         labels={bits: name for bits, (name, _) in _FORMATS.items()},
+    ),
+    "restart": Stress(
+        "training killed and resumed", "share of it done before", (0.0, 0.1, 0.5, 0.9), _restarted,
+        ("ours", "lstm_parameters", "lstm_latents"),
+        note="SIGKILL; the others learn in a second, or by the same code",
     ),
 }  # fmt: skip
 """By name."""

@@ -24,6 +24,7 @@ from model_runtime.temporal.ntm import NeuralTemporalModel
 from ..data.sequences import Sequence
 from .metric import psnr
 from .stability_product import age_trial
+from .stability_restart import killed_school
 from .stability_trials import GivenStage, Trial
 from .synthesis_cases import states_of
 from .synthesis_methods import Decoded, Method, Models, Rung, Transferred, method_for
@@ -54,8 +55,11 @@ class Outcome:
 def run_trial(trial: Trial, name: str, models: Models, sphere: TexturedSphere) -> Outcome:
     """The method `name` taught on the trial's source and scored on its target."""
     case = trial.case
-    given = trial.given
-    stage = GivenStage(case, sphere, GivenStage.of(case, sphere).texels, given)
+    stage = GivenStage(case, sphere, GivenStage.of(case, sphere).texels, trial.given)
+    if trial.killed is not None:
+        assert isinstance(case.source, Sequence)
+        school = killed_school(models.school, case.source_key, case.source, trial.killed)
+        models = replace(models, school=school)
     if trial.dtype is not None:
         stage = replace(stage, given=_stored(stage.initial, trial.dtype))
     try:

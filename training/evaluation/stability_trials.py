@@ -123,6 +123,7 @@ class Trial:
     span: how long the target is, in units of the source's time
     palette, samples: how many materials may be modelled, how many directions encoders see
     dtype: the number format in which everything given and learned is stored
+    killed: the share of the training after which it is killed, and resumed
     """
 
     case: Case
@@ -133,6 +134,7 @@ class Trial:
     palette: int | None = None
     samples: int | None = None
     dtype: torch.dtype | None = None
+    killed: float | None = None
 
     @property
     def frames(self) -> list[int]:

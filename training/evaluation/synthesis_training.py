@@ -55,11 +55,12 @@ def describe(sequence: Sequence | MixtureSequence) -> str:
 @dataclass
 class School:
     """Trains on sources; what has been learned is in the folder `kept`, and survives being killed
-    at any moment.
+    at any moment. `save_every` as in `Run`.
     """
 
     kept: Path
     effort: Effort
+    save_every: float = 60.0
 
     def minutes(self) -> dict[str, float]:
         """How long one training took, by method: the mean over all that is kept."""
@@ -91,7 +92,8 @@ class School:
         path = self.kept / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"
         if not path.exists() or read_card(path).details.get("made_from") != made_from:
             histories = source_histories(thinned(timed(chosen), effort.texels), representation)
-            run = Run(self.kept / f"{path.stem}_{made_from[:8]}", resume=True)
+            base = self.kept / f"{path.stem}_{made_from[:8]}"
+            run = Run(base, resume=True, save_every=self.save_every)
             ntm = train_ladder(histories, representation, effort.ladder, run)
             card = {"name": key, "title": key, "frames": ntm.frames, "representation": encoder}
             details = {**card, **ntm.card.details, "made_from": made_from, "source": "evaluation"}
