@@ -23,11 +23,11 @@ from .stability_inputs import INPUTS
 from .stability_means import MEANS
 from .stability_report import write_report
 from .stability_results import MethodResult, StabilityReport
-from .stability_runs import Outcome, run_trial
+from .stability_runs import Classroom, Outcome
 from .stability_sources import SOURCES
 from .stability_targets import TARGETS
 from .stability_trials import EVERY, Stress, Trial, World, states_at
-from .synthesis_methods import Models, load_models
+from .synthesis_methods import load_models
 from .synthesis_sphere import TexturedSphere
 from .synthesis_training import Effort, School, describe
 
@@ -72,7 +72,7 @@ def evaluate_stability(
     kept = output / "kept"
     models = load_models(names, School(kept, effort), encoder=ENCODER, weights=weights)
     sphere = TexturedSphere.load(data / "hdri", pixels=pixels, stride=stride, kept=kept)
-    world = World(data, pixels)
+    classroom, world = Classroom(models, sphere), World(data, pixels)
     found: dict[str, dict[str, MethodResult]] = {}
     cells = [(name, x) for name in wanted for x in STRESSES[name].severities]
     outcomes: dict[tuple[str, str], dict[float, Outcome]] = {}
@@ -82,8 +82,7 @@ def evaluate_stability(
         described = _description(trial, f"{pixels} {stride} {effort} {_VERSION}")
         for method in names:
             if method in stress.methods:
-                path = kept / f"{name}_{x:g}_{method}.safetensors".replace("-", "m")
-                outcome = _kept(path, identity(described, method), trial, method, models, sphere)
+                outcome = _kept(kept, identity(described, method), trial, method, classroom)
                 outcomes.setdefault((name, method), {})[x] = outcome
     for (name, method), each in outcomes.items():
         found.setdefault(name, {})[method] = MethodResult(each, method == "ours")
@@ -107,13 +106,12 @@ def _description(trial: Trial, settings: str) -> str:
     return identity(*parts, str(rest), "" if trial.killed is None else f"{trial.killed}")
 
 
-def _kept(
-    path: Path, made_from: str, trial: Trial, method: str, models: Models, sphere: TexturedSphere
-) -> Outcome:
-    """From an earlier run, or anew."""
+def _kept(kept: Path, made_from: str, trial: Trial, method: str, classroom: Classroom) -> Outcome:
+    """From an earlier run, or another stress that is as harmless, or anew."""
+    path = kept / f"trial_{made_from[:20]}.safetensors"
     stored = read_kept(path, made_from)
     if stored is None:
-        outcome = run_trial(trial, method, models, sphere)
+        outcome = classroom.run(trial, method)
         said = json.dumps(outcome.said).encode()
         stored = {
             "psnr": torch.tensor(outcome.psnr, dtype=torch.float64),

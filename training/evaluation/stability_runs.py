@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -29,8 +29,9 @@ from .stability_trials import GivenStage, Trial
 from .synthesis_cases import states_of
 from .synthesis_methods import Decoded, Method, Models, Rung, Transferred, method_for
 from .synthesis_sphere import TexturedSphere
+from .synthesis_training import School
 
-__all__ = ("Outcome", "run_trial")
+__all__ = ("Classroom", "Outcome")
 
 _OUTSIDE = 0.01  # share of texels out of gamut that is a failure
 _SLACK = 0.005  # how far out counts: nobody sees less
@@ -52,32 +53,53 @@ class Outcome:
     said: tuple[str, ...] = ()
 
 
-def run_trial(trial: Trial, name: str, models: Models, sphere: TexturedSphere) -> Outcome:
-    """The method `name` taught on the trial's source and scored on its target."""
-    case = trial.case
-    stage = GivenStage(case, sphere, GivenStage.of(case, sphere).texels, trial.given)
-    if trial.killed is not None:
-        assert isinstance(case.source, Sequence)
-        school = killed_school(models.school, case.source_key, case.source, trial.killed)
-        models = replace(models, school=school)
-    if trial.dtype is not None:
-        stage = replace(stage, given=_stored(stage.initial, trial.dtype))
-    try:
-        method = method_for(name, case, models)
+@dataclass
+class Classroom:
+    """Where methods are taught, each source only while trials follow that have it."""
+
+    models: Models
+    sphere: TexturedSphere
+    _source: str = ""
+    _taught: dict[str, Method] = field(default_factory=dict)
+
+    def run(self, trial: Trial, name: str) -> Outcome:
+        """The method `name` taught on the trial's source and scored on its target."""
+        case = trial.case
+        stage = GivenStage(case, self.sphere, GivenStage.of(case, self.sphere).texels, trial.given)
         if trial.dtype is not None:
-            method = _stored(method, trial.dtype)
-        if name == "ours":
+            stage = replace(stage, given=_stored(stage.initial, trial.dtype))
+        try:
+            method = self._method(trial, name)
+            if trial.dtype is not None:
+                method = _stored(method, trial.dtype)
+            if name != "ours":
+                return _rival(trial, stage, method)
             assert isinstance(method, Rung)
-            return _product(trial, stage, method, models)
-        return _rival(trial, stage, method)
-    except (InputError, ValueError, LinAlgError):  # a baseline has no use for such data
-        return Outcome(math.nan)
+            return _product(trial, stage, method, self._school(trial))
+        except (InputError, ValueError, LinAlgError):  # a baseline has no use for such data
+            return Outcome(math.nan)
+
+    def _method(self, trial: Trial, name: str) -> Method:
+        if self._source != trial.case.source_key:
+            self._source, self._taught = trial.case.source_key, {}
+        if trial.killed is not None:
+            return method_for(name, trial.case, replace(self.models, school=self._school(trial)))
+        if name not in self._taught:
+            self._taught[name] = method_for(name, trial.case, self.models)
+        return self._taught[name]
+
+    def _school(self, trial: Trial) -> School:
+        school, source = self.models.school, trial.case.source
+        if trial.killed is None:
+            return school
+        assert isinstance(source, Sequence)
+        return killed_school(school, trial.case.source_key, source, trial.killed)
 
 
-def _product(trial: Trial, stage: GivenStage, method: Rung, models: Models) -> Outcome:
-    path = models.school.kept / f"ntm_{trial.case.source_key}.safetensors"
+def _product(trial: Trial, stage: GivenStage, method: Rung, school: School) -> Outcome:
+    path = school.kept / f"ntm_{trial.case.source_key}.safetensors"
     if trial.dtype is not None:
-        path = models.school.kept / "stored.safetensors"
+        path = school.kept / "stored.safetensors"
         save_model(path, method.ntm.tensors(), method.ntm.card.details, kind="ntm")
     aged = age_trial(trial, stage.initial, path)
     if aged.states is None:
