@@ -1,4 +1,4 @@
-"""The product under stress: the real `age`, on files, and whether it says that something is wrong
+"""The product under stress: the real `age`, on files, and whether it says what is wrong."""
 
 from __future__ import annotations
 
