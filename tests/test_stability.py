@@ -11,12 +11,12 @@ import matplotlib.image
 import numpy as np
 import pytest
 import torch
-from tests.ageing import frames_of, run
 
 from model_runtime.errors import UsageError
 from model_runtime.images import write_exr
 from model_runtime.package import ENCODER
 from model_runtime.representation import load_representation
+from tests.ageing import frames_of, run
 from training.data.weathering import generate
 from training.evaluation.stability import STRESSES, evaluate_stability
 from training.evaluation.stability_restart import killed_school

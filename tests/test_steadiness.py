@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.ageing import run
 
 from model_runtime.errors import ModelFileError
 from model_runtime.package import MODELS, load_model, save_model
+from tests.ageing import run
 from training.data.kinetics import PROCESSES
 from training.data.sequences import MixtureSequence, Sequence, uniform_times
 from training.data.weathering import generate

@@ -127,7 +127,7 @@ INPUTS: Mapping[str, Stress] = {
     ),
     "broken_texel": Stress(
         "one broken texel, the others' picture", "its Kd and Ks",
-        (0.5, 10.0, 1e3, 65504.0), _broken, log=True,
+        (0.5, 10.0, 1e3, 65504.0), _broken,
     ),
 }  # fmt: skip
 """By name."""

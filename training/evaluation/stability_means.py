@@ -40,14 +40,12 @@ MEANS: Mapping[str, Stress] = {
         "samples read by the encoder", "m",
         (256.0, 64.0, 32.0, 16.0, 8.0), _samples, ("ours", "paper", "lstm_latents"),
         note="only encoders read samples; the product chooses a rung that reads none",
-        log=True,
     ),
     "palette": Stress(
         "materials modelled", "entries of the palette",
         (2048.0, 64.0, 16.0, 4.0, 1.0), _palette,
         ("ours", "constant", "affine", "lstm_parameters", "lstm_latents"),
         note="the rivals model every texel: they have no palette",
-        log=True,
     ),
     "precision": Stress(
         "half precision and coarser", "bits of mantissa", tuple(_FORMATS), _precision,

@@ -78,7 +78,7 @@ SOURCES: Mapping[str, Stress] = {
     ),
     "source_outlier": Stress(
         "source with one outlier frame", "times too bright", (1.0, 2.0, 10.0, 100.0),
-        _outlier, log=True,
+        _outlier,
     ),
 }  # fmt: skip
 """By name."""

@@ -134,7 +134,6 @@ TARGETS: Mapping[str, Stress] = {
         (0.25, 0.1, 0.03, 1e-3, 1e-4),
         _alpha,
         note=_LAW,
-        log=True,
     ),
     "alpha_large": Stress(
         "\N{GREEK SMALL LETTER ALPHA} up to 1",
@@ -145,14 +144,14 @@ TARGETS: Mapping[str, Stress] = {
     ),
     "ks_above_1": Stress(
         "Ks above 1", "mean Ks of the target", (0.5, 1.2, 2.0, 4.0, 16.0), _specular,
-        note=_LAW, log=True,
+        note=_LAW,
     ),
     "albedo_zero": Stress(
         "albedo down to 0", "Kd and Ks times", (1.0, 0.5, 0.1, 0.03, 0.0), _albedo, note=_LAW
     ),
     "albedo_above_1": Stress(
         "albedo above 1", "Kd and Ks times", (1.0, 2.0, 4.0, 8.0, 16.0), _albedo,
-        note=_LAW, log=True,
+        note=_LAW,
     ),
     "foreign_mixed": Stress(
         "foreign material, mixed in", "share in every texel", (0.0, 0.25, 0.5, 0.75, 1.0),
@@ -164,7 +163,7 @@ TARGETS: Mapping[str, Stress] = {
     ),
     "rollout": Stress(
         "rollout to 10 times as long", "the source's duration", (1.0, 2.0, 3.0, 5.0, 10.0),
-        _rollout, log=True,
+        _rollout,
         note="only the last frame counts; the affine rung and the product know nothing after the"
         " source's end: they stop there, and `age` cannot be asked for more",
     ),

@@ -169,8 +169,8 @@ class Stress:
     """What is made worse: `make`(world, severity) -> trial, from harmless to absurd.
 
     axis: what the severities count. methods: those to which it applies; `note` says why not to
-    others, or what else a reader must know. log: whether charts show logarithms of severities.
-    labels: what charts call the severities, where numbers say little.
+    others, or what else a reader must know. labels: what severities are called where numbers say
+    little.
     """
 
     title: str
@@ -179,5 +179,4 @@ class Stress:
     make: Callable[[World, float], Trial]
     methods: tuple[str, ...] = EVERY
     note: str = ""
-    log: bool = False
     labels: Mapping[float, str] = field(default_factory=dict)
