@@ -14,7 +14,13 @@ from tests.ageing import run
 from training.data.kinetics import PROCESSES
 from training.data.sequences import MixtureSequence, Sequence, uniform_times
 from training.data.weathering import generate
-from training.steadiness import flicker, frames_that_stand_out, steadied, widest_gap
+from training.steadiness import (
+    evened_out,
+    flicker,
+    frames_that_stand_out,
+    steadied,
+    widest_gap,
+)
 
 
 @pytest.fixture(scope="module")
@@ -53,14 +59,11 @@ class TestSteadiness:
         np.testing.assert_array_equal(found.times, rusting.times[kept])
         assert f"Frame {frame + 1} stood out" in found.warnings[0]
 
-    def test_flicker_is_as_strong_as_the_light_is_unsteady(self, rusting):
-        """Of Kd = Ks = v times 1 + s n, the square root's standard deviation is sqrt(v) s / 2."""
-        flat = np.full_like(rusting.kd, 0.25)
-        still = replace(rusting, kd=flat, ks=flat, alpha=np.full_like(rusting.alpha, 0.25))
+    @pytest.mark.parametrize("strength", [0.03, 0.1, 0.2])
+    def test_flicker_is_as_strong_as_the_light_is_unsteady(self, rusting, strength):
         noise = np.random.default_rng(0).standard_normal(36)
-        strength = flicker(lit(still, 1 + 0.1 * noise))
-        assert strength == pytest.approx(0.5 * 0.1 / 2 * np.sqrt(6 / 7), rel=0.4)
-        assert flicker(still) == 0
+        found = flicker(lit(replace(rusting, onset=None), 1 + strength * noise))
+        assert found == pytest.approx(strength, rel=0.35)
 
     def test_flicker_is_said_and_no_frame_taken_for_an_outlier(self, rusting):
         noise = np.random.default_rng(1).choice((-1, 1), 36)
@@ -68,6 +71,17 @@ class TestSteadiness:
         assert isinstance(found, Sequence)
         assert len(found.times) > 32
         assert any("flickered" in warning for warning in found.warnings)
+
+    @pytest.mark.parametrize("process", ["rust", "fading"])
+    def test_light_that_is_evened_out_is_nearer_to_steady(self, process: str):
+        sequence = replace(generate(process, size=32), onset=None)
+        light = 1 + 0.1 * np.random.default_rng(2).standard_normal(36)
+
+        def error(found: Sequence) -> float:
+            return float(np.abs(np.log((found.kd + 1e-9) / (sequence.kd + 1e-9))).mean())
+
+        unsteady = lit(sequence, light)
+        assert error(evened_out(unsteady)) < 0.6 * error(unsteady)
 
     def test_few_frames_and_gaps_are_said(self, rusting):
         for frames in ([0, 35], [0, 17, 35]):

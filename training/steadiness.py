@@ -2,7 +2,8 @@
 
 A model of change that holds every frame of its source holds what is wrong with them, too, and
 held-out texels share it: cross-validation does not see it. So it is looked for here. Frames that
-stand out are dropped; the rest is said in the model's card, and by `age` whenever it is used.
+stand out are dropped and unsteady light is evened out; what was found is said in the model's card,
+and by `age` whenever it is used.
 """
 
 from __future__ import annotations
@@ -18,20 +19,23 @@ from model_runtime.temporal.domain import perceptual
 
 from .data.sequences import MixtureSequence, Sequence
 
-__all__ = ("flicker", "frames_that_stand_out", "steadied", "widest_gap")
+__all__ = ("evened_out", "flicker", "frames_that_stand_out", "steadied", "widest_gap")
 
 _TEXELS = 1024
 _FEWEST_FRAMES = 6
 _GAP = 0.15  # of the sequence's time without a frame
 _UNEVEN = 3.0  # times as long as usual
-_FLICKER = 0.01  # perceptual
+_FLICKER = 0.02  # of the brightness
+_FRAMES_OF_A_CURVE = 8
+_BLACK = 1e-6
 _STANDS_OUT = (3.0, 0.05)
 _MOST_DROPPED = 0.1
 
 
 def steadied(sequence: Sequence | MixtureSequence) -> Sequence | MixtureSequence:
-    """`sequence` without the frames that stand out, and with `warnings` that say what of it a
-    model cannot be sure of. Mixtures, which have no frames of their own, are returned as they are.
+    """`sequence` without the frames that stand out, its light evened out where it flickers, and
+    with `warnings` that say what of it a model cannot be sure of. Mixtures, which have no frames of
+    their own, are returned as they are.
     """
     if isinstance(sequence, MixtureSequence):
         return sequence
@@ -51,9 +55,10 @@ def steadied(sequence: Sequence | MixtureSequence) -> Sequence | MixtureSequence
         warnings.append(f"There were no frames for {gap:.0%} of the time: that part is a guess.")
     strength = flicker(sequence)
     if strength > _FLICKER:
+        sequence = evened_out(sequence)
         warnings.append(
-            f"The light flickered (by {strength:.2f} of white, as a display encodes it), and so "
-            "does what was learned."
+            f"The light flickered (by {strength:.0%} of its brightness). It was evened out, but how "
+            "bright the material is at any time is a guess."
         )
     return replace(sequence, warnings=(*sequence.warnings, *warnings))
 
@@ -80,17 +85,45 @@ def frames_that_stand_out(sequence: Sequence) -> list[int]:
 
 
 def flicker(sequence: Sequence) -> float:
-    """How unsteady the whole picture is from frame to frame: the standard deviation of its mean
-    over texels, in perceptual units, the mean over parameters.
-
-    Steps that are followed by steps back are unsteadiness: of independent errors with variance v
-    the product of two successive steps has the mean -v.
+    """How unsteady the light is: by how much of its brightness the picture's mean over texels, Kd
+    and Ks together, is off a smooth curve (RMS over frames). 0 for fewer than eight frames, which
+    show no such curve.
     """
-    steps = _shown(sequence).mean(1).diff(dim=0)
-    if len(steps) < 2:
+    if len(sequence.times) < _FRAMES_OF_A_CURVE:
         return 0.0
-    back = -(steps[1:] * steps[:-1]).mean()
-    return float(back.clamp_min(0).sqrt())
+    return float(np.sqrt(np.square(_unsteady(sequence)).mean()))
+
+
+def evened_out(sequence: Sequence) -> Sequence:
+    """`sequence` with Kd and Ks of each frame divided by how much brighter it is, in the mean over
+    texels, than its time's place on a smooth curve through all frames.
+    """
+    light = np.exp(_unsteady(sequence)).astype(np.float32)[:, None, None, None]
+    return replace(sequence, kd=sequence.kd / light, ks=sequence.ks / light)
+
+
+def _unsteady(sequence: Sequence) -> NDArray[np.float64]:
+    """The logarithm of each frame's brightness, less what is smooth of it: [T]."""
+    clamped = sequence.clamped()
+    mean = (clamped.kd + clamped.ks).mean((1, 2, 3), dtype=np.float64)
+    brightness = np.log(np.maximum(mean, _BLACK))
+    return brightness - _smooth(brightness)
+
+
+def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The curve z that minimises |values - z|^2 + s |second differences of z|^2 (Whittaker 1923),
+    with s chosen by generalised cross-validation (Craven and Wahba 1979).
+    """
+    count = len(values)
+    bend = np.diff(np.eye(count), 2, axis=0)
+    best, curve = np.inf, values
+    for strength in np.logspace(-2, 6, 33):
+        smoother = np.linalg.inv(np.eye(count) + strength * bend.T @ bend)
+        found = smoother @ values
+        left = np.square(values - found).sum() / (count - smoother.trace()) ** 2
+        if left < best:
+            best, curve = left, found
+    return curve
 
 
 def widest_gap(times: NDArray[np.float32]) -> float:

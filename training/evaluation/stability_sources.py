@@ -48,8 +48,8 @@ def _outlier(world: World, factor: float) -> Trial:
 
 
 def _lit(source: Sequence, light: NDArray[np.float64]) -> Sequence:
-    light = np.maximum(light, 0).astype(np.float32)
-    return replace(source, kd=source.kd * light, ks=source.ks * light)
+    lamp = np.maximum(light, 0).astype(np.float32)
+    return replace(source, kd=source.kd * lamp, ks=source.ks * lamp)
 
 
 def _only(source: Sequence, kept: NDArray[np.bool_]) -> Sequence:

@@ -56,22 +56,16 @@ def _specular(world: World, mean: float) -> Trial:
 
 def _albedo(world: World, factor: float) -> Trial:
     """The target's Kd and Ks times a factor."""
-    start, factor = world.start, np.float32(factor)
-    return _beginning(world, replace(start, kd=start.kd * factor, ks=start.ks * factor))
+    start, times = world.start, np.float32(factor)
+    return _beginning(world, replace(start, kd=start.kd * times, ks=start.ks * times))
 
 
 def _foreign_mixed(world: World, share: float) -> Trial:
     """Every texel mixed with one of another kind of material."""
-    foreign, share = _foreign(world), np.float32(share)
-    mixed = world.start.map(lambda maps: maps * (1 - share))
-    return _beginning(
-        world,
-        TorranceSparrowMaps(
-            mixed.kd + share * foreign.kd,
-            mixed.ks + share * foreign.ks,
-            mixed.alpha + share * foreign.alpha,
-        ),
-    )
+    own = world.start.map(lambda maps: maps * np.float32(1 - share))
+    other = _foreign(world).map(lambda maps: maps * np.float32(share))
+    mixed = TorranceSparrowMaps(own.kd + other.kd, own.ks + other.ks, own.alpha + other.alpha)
+    return _beginning(world, mixed)
 
 
 def _foreign_part(world: World, share: float) -> Trial:
