@@ -59,6 +59,10 @@ class TestSteadiness:
         np.testing.assert_array_equal(found.times, rusting.times[kept])
         assert f"Frame {frame + 1} stood out" in found.warnings[0]
 
+    def test_a_short_sequence_has_outliers_too(self, rusting):
+        short = only(rusting, [0, 7, 14, 21, 28, 35])
+        assert frames_that_stand_out(lit(short, np.array([1, 1, 1, 5, 1, 1]))) == [3]
+
     @pytest.mark.parametrize("strength", [0.03, 0.1, 0.2])
     def test_flicker_is_as_strong_as_the_light_is_unsteady(self, rusting, strength):
         noise = np.random.default_rng(0).standard_normal(36)

@@ -57,8 +57,8 @@ def steadied(sequence: Sequence | MixtureSequence) -> Sequence | MixtureSequence
     if strength > _FLICKER:
         sequence = evened_out(sequence)
         warnings.append(
-            f"The light flickered (by {strength:.0%} of its brightness). It was evened out, but how "
-            "bright the material is at any time is a guess."
+            f"The light flickered (by {strength:.0%} of its brightness). It was evened out, but "
+            "how bright the material is at any time is a guess."
         )
     return replace(sequence, warnings=(*sequence.warnings, *warnings))
 
@@ -67,8 +67,8 @@ def frames_that_stand_out(sequence: Sequence) -> list[int]:
     """Frames, counted from 0, that most texels leave their way for: at least three times as far
     from the line between their neighbours as those are from each other.
 
-    Where more than a tenth would, or the neighbours stand out as well, none does: that is flicker.
-    The first and the last frame, which have one neighbour, are taken as they are.
+    Where more than a tenth of the frames would (or more than one, if that is less), none does: that
+    is flicker. The first and the last frame, which have one neighbour, are taken as they are.
     """
     states = _shown(sequence)
     if len(states) < 3:
@@ -79,9 +79,9 @@ def frames_that_stand_out(sequence: Sequence) -> list[int]:
     line = torch.lerp(states[:-2], states[2:], share[:, None, None])
     away = (states[1:-1] - line).norm(dim=-1).median(1).values
     apart = (states[2:] - states[:-2]).norm(dim=-1).median(1).values
-    times, least = _STANDS_OUT
-    found = (away > times * apart + least).nonzero()[:, 0] + 1
-    return found.tolist() if len(found) <= _MOST_DROPPED * len(states) else []
+    far, least = _STANDS_OUT
+    found = (away > far * apart + least).nonzero()[:, 0] + 1
+    return found.tolist() if len(found) <= max(1, _MOST_DROPPED * len(states)) else []
 
 
 def flicker(sequence: Sequence) -> float:
