@@ -26,7 +26,9 @@ _FEWEST_FRAMES = 6
 _GAP = 0.15  # of the sequence's time without a frame
 _UNEVEN = 3.0  # times as long as usual
 _FLICKER = 0.02  # of the brightness
-_FRAMES_OF_A_CURVE = 8
+_FRAMES_OF_A_CURVE = 16
+_NORMAL = 1.4826  # standard deviations of a normal number in its median
+_COUNTS = 1.4
 _BLACK = 1e-6
 _STANDS_OUT = (3.0, 0.05)
 _MOST_DROPPED = 0.1
@@ -86,12 +88,12 @@ def frames_that_stand_out(sequence: Sequence) -> list[int]:
 
 def flicker(sequence: Sequence) -> float:
     """How unsteady the light is: by how much of its brightness the picture's mean over texels, Kd
-    and Ks together, is off a smooth curve (RMS over frames). 0 for fewer than eight frames, which
-    show no such curve.
+    and Ks together, usually is off a smooth curve (the standard deviation, from the median, so that
+    one sudden change does not count). 0 for fewer than 16 frames, which show no such curve.
     """
     if len(sequence.times) < _FRAMES_OF_A_CURVE:
         return 0.0
-    return float(np.sqrt(np.square(_unsteady(sequence)).mean()))
+    return _NORMAL * float(np.median(np.abs(_unsteady(sequence))))
 
 
 def evened_out(sequence: Sequence) -> Sequence:
@@ -112,7 +114,8 @@ def _unsteady(sequence: Sequence) -> NDArray[np.float64]:
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The curve z that minimises |values - z|^2 + s |second differences of z|^2 (Whittaker 1923),
-    with s chosen by generalised cross-validation (Craven and Wahba 1979).
+    with s chosen by generalised cross-validation in which each degree of freedom counts 1.4 times,
+    so that noise is not taken for the curve (Kim and Gu 2004).
     """
     count = len(values)
     bend = np.diff(np.eye(count), 2, axis=0)
@@ -120,8 +123,9 @@ def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     for strength in np.logspace(-2, 6, 33):
         smoother = np.linalg.inv(np.eye(count) + strength * bend.T @ bend)
         found = smoother @ values
-        left = np.square(values - found).sum() / (count - smoother.trace()) ** 2
-        if left < best:
+        free = count - _COUNTS * smoother.trace()
+        left = np.square(values - found).sum() / free**2
+        if free > 0 and left < best:
             best, curve = left, found
     return curve
 

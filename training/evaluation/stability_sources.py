@@ -77,7 +77,7 @@ SOURCES: Mapping[str, Stress] = {
         (0.0, 5.0, 20.0, 50.0), _flicker,
     ),
     "source_outlier": Stress(
-        "source with one outlier frame", "times too bright", (1.0, 2.0, 10.0, 100.0),
+        "source with one outlier frame", "times too bright", (1.0, 2.0, 100.0),
         _outlier,
     ),
 }  # fmt: skip
