@@ -53,7 +53,7 @@ MEANS: Mapping[str, Stress] = {
         labels={bits: name for bits, (name, _) in _FORMATS.items()},
     ),
     "restart": Stress(
-        "training killed and resumed", "share of it done before", (0.0, 0.1, 0.5, 0.9), _restarted,
+        "training killed and resumed", "share of it done before", (0.0, 0.1, 0.5), _restarted,
         ("ours", "lstm_parameters", "lstm_latents"),
         note="SIGKILL; the others learn in a second, or by the same code",
     ),
