@@ -11,11 +11,11 @@ from .stability_trials import Stress, Trial, World
 __all__ = ("MEANS",)
 
 _FORMATS = {
-    23.0: ("float32", torch.float32),
-    10.0: ("float16", torch.float16),
-    7.0: ("bfloat16", torch.bfloat16),
-    3.0: ("float8 e4m3", torch.float8_e4m3fn),
-    2.0: ("float8 e5m2", torch.float8_e5m2),
+    23.0: ("fp32", torch.float32),
+    10.0: ("fp16", torch.float16),
+    7.0: ("bf16", torch.bfloat16),
+    3.0: ("e4m3", torch.float8_e4m3fn),
+    2.0: ("e5m2", torch.float8_e5m2),
 }
 
 
@@ -48,7 +48,7 @@ MEANS: Mapping[str, Stress] = {
         note="the rivals model every texel: they have no palette",
     ),
     "precision": Stress(
-        "half precision and coarser", "bits of mantissa", tuple(_FORMATS), _precision,
+        "half precision and coarser", "format of numbers", tuple(_FORMATS), _precision,
         note="everything given and learned is stored in the format, and computed with in float32",
         labels={bits: name for bits, (name, _) in _FORMATS.items()},
     ),

@@ -104,7 +104,7 @@ def _beginning(world: World, start: TorranceSparrowMaps) -> Trial:
     return Trial(world.case(start=start))
 
 
-_AFFINE = "channelwise affine, which the affine rung holds exactly"
+_AFFINE = "the change is channelwise affine, which the affine rung holds exactly"
 _LAW = "the truth is the law of the process, carried on beyond the materials it was made for"
 
 TARGETS: Mapping[str, Stress] = {
