@@ -127,6 +127,8 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
         ntm_path = find_model(request.ntm)
         representation, identity = load_representation()
         ntm = NeuralTemporalModel.load(ntm_path, identity)
+        for doubt in ntm.warnings:
+            run.warn(f"Of what {ntm.card.title} was learned from: {doubt}")
         material = read_input(request.input, size=request.size)
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):

@@ -20,8 +20,9 @@ from training.evaluation.pareto import evaluate_pareto
 from training.evaluation.pareto_exact import compared, exact_texels, interpolated
 from training.evaluation.pareto_report import tables
 from training.evaluation.pareto_results import better_than
-from training.evaluation.pareto_runs import Silent, kept_json
+from training.evaluation.pareto_runs import kept_json
 from training.evaluation.pareto_settings import SETTINGS, setting
+from training.evaluation.silent import Silent
 from training.evaluation.synthesis_training import Effort
 from training.ntm import NTMConfig
 

@@ -120,7 +120,7 @@ def weathering(
 
 @app.command
 def evaluate(
-    what: tyro.conf.Positional[Literal["representation", "synthesis", "pareto"]],
+    what: tyro.conf.Positional[Literal["representation", "synthesis", "pareto", "stability"]],
     output: Path,
     pixels: int = 64,
     methods: tuple[str, ...] = (),
@@ -131,12 +131,14 @@ def evaluate(
 
     Args:
         what: the PSNR of BRDF representations on every set of materials, or of models of change on
-            every case of synthesis; or speed against accuracy, and the time and memory of ageing.
+            every case of synthesis; speed against accuracy, and the time and memory of ageing; or
+            under which stresses methods fail.
         output: the folder to write; what is finished there is not done again.
         pixels: width of the rendered spheres (fewer is faster and rougher); pareto ages maps 16
             times as wide.
         methods: only these (ours, paper, brdfnps, nbrdf, stt, ...); all by default.
-        cases: of synthesis, only these (s1_a0.6_b0.05, s3, real_tvbtf45, ...); all by default.
+        cases: of synthesis, only these (s1_a0.6_b0.05, s3, real_tvbtf45, ...), or only these
+            stresses; all by default.
         json: print the report on stdout as JSON instead of a table.
     """
     from .data.location import data_folder
@@ -154,10 +156,18 @@ def evaluate(
         from .evaluation.representation import evaluate_representation
 
         if cases:
-            raise UsageError("Only synthesis has cases.", "Leave out --cases.")
+            raise UsageError("Only synthesis and stability have cases.", "Leave out --cases.")
         chosen = methods or None
         report = evaluate_representation(data_folder(), output, pixels=pixels, methods=chosen)
         table = main_table(report)
+    elif what == "stability":
+        from .evaluation.stability import STRESSES, evaluate_stability
+        from .evaluation.stability_report import stability_table
+
+        report = evaluate_stability(
+            data_folder(), output, methods=methods or None, stresses=cases or None
+        )
+        table = stability_table(report, STRESSES)
     else:
         from .evaluation.synthesis import evaluate_synthesis
         from .evaluation.synthesis_report import tables

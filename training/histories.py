@@ -53,6 +53,7 @@ class SourceHistories:
     out_of_range: the share of the sequence's values that had to be clamped to be rendered
     mixture: the true values of measured mixtures, which `parameters` were fitted to; else None
     timing: when the sequence's texels start, as far as it is known
+    warnings: what cannot be learned from the sequence for sure
     """
 
     parameters: Tensor
@@ -61,6 +62,7 @@ class SourceHistories:
     out_of_range: float = 0.0
     mixture: Mixture | None = None
     timing: Timing | None = None
+    warnings: tuple[str, ...] = ()
 
     def select(self, rows: Tensor) -> SourceHistories:
         """Only the texels `rows`."""
@@ -99,7 +101,12 @@ def source_histories(
 
     latents = _encode(parameters, values, representation, angles)
     return SourceHistories(
-        parameters, latents, observed, float(broken.mean()), timing=sequence.timing
+        parameters,
+        latents,
+        observed,
+        float(broken.mean()),
+        timing=sequence.timing,
+        warnings=sequence.warnings,
     )
 
 

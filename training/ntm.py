@@ -25,6 +25,7 @@ from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
 from .histories import SourceHistories, source_histories
 from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
+from .steadiness import steadied
 from .timing import timed
 
 __all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
@@ -32,6 +33,7 @@ __all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
 Model = ParameterLSTM | LatentLSTM
 Kind = Literal["parameters", "latents"]
 
+_DOUBTFUL = 25.0
 _CHANNELS = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
 
 
@@ -54,7 +56,7 @@ class NTMConfig:
 class Run:
     """Where a training leaves its checkpoints (`base` with the LSTM's name added, after that of the
     `fold` where it only cross-validates one) and, unless None, its TensorBoard logs; how many
-    minutes of a core it may take; from which seed.
+    minutes of a core it may take; from which seed; how many seconds it may lose when it is killed.
     """
 
     base: Path
@@ -63,6 +65,7 @@ class Run:
     minutes: float | None = None
     seed: int = 0
     fold: str = ""
+    save_every: float = 60.0
 
 
 def train_ntm(
@@ -80,7 +83,7 @@ def train_ntm(
     path. `card` holds name, title, description, process, source, license.
     """
     representation, identity = load_representation(encoder)
-    shown = timed(read_sequence(sequence, clamp=False), seed=seed)
+    shown = timed(steadied(read_sequence(sequence, clamp=False)), seed=seed)
     source = source_histories(shown, representation, seed=seed)
     run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
     ntm = train_ladder(source, representation, config, run)
@@ -102,6 +105,8 @@ def train_ntm(
     print(f"{output}: {ntm.chosen}; dB of what was held out:")
     for rung, scores in found["ladder"].items():
         print(f"  {rung}: " + ", ".join(f"{name} {psnr:.1f}" for name, psnr in scores.items()))
+    for warning in ntm.warnings:
+        print(f"Warning: {warning}")
     return output
 
 
@@ -109,7 +114,7 @@ def train_ladder(
     source: SourceHistories, representation: Representation, config: NTMConfig, run: Run
 ) -> NeuralTemporalModel:
     """Every rung of the ladder, trained on `source`, under a card that holds what training found:
-    domain, timing, temporal_model, ladder, trained.
+    domain, timing, temporal_model, ladder, warnings, trained.
 
     A tenth of the texels is held out from all rungs. Ranges are held out in trainings of their own,
     whose models are thrown away; the LSTMs' are short, and left out where a cheaper rung suffices.
@@ -154,14 +159,16 @@ def train_ladder(
             for rung in dear:
                 scores[rung][name] = score(rung, trained, part.test, representation)
             seconds += sum(record["seconds"] for record in spent)
+    chosen = choose(scores, sufficient=config.sufficient, margin=config.margin)
     details = {
         "domain": {"ranges": _ranges(split.train.parameters[:, 0])},
         "timing": None if source.timing is None else source.timing.json(),
-        "temporal_model": choose(scores, sufficient=config.sufficient, margin=config.margin),
+        "temporal_model": chosen,
         "ladder": {
             rung: {name: round(psnr, 1) for name, psnr in found.items()}
             for rung, found in scores.items()
         },
+        "warnings": [*source.warnings, *_doubts(min(scores[chosen].values()))],
         "trained": {
             "iterations": dict(
                 zip(("parameters", "latents"), (r["iterations"] for r in records), strict=True)
@@ -174,6 +181,13 @@ def train_ladder(
         },
     }
     return replace(ntm, card=replace(card, details=details))
+
+
+def _doubts(psnr: float) -> list[str]:
+    """What to say of a model that missed what was held out by `psnr` dB."""
+    if psnr >= _DOUBTFUL:
+        return []
+    return [f"Of what was held out from it, it reaches no more than {psnr:.0f} dB."]
 
 
 def _train_both(
@@ -308,7 +322,7 @@ def _train(
             bar.set_postfix_str(f"{name} loss {value.item():.5f}", refresh=False)
             if writer is not None:
                 writer.add_scalar("loss", value.item(), step)
-        if time.monotonic() - saved > 60 or step == total - 1:
+        if time.monotonic() - saved > run.save_every or step == total - 1:
             saved = time.monotonic()
             record |= {"step": step + 1, "seconds": time.process_time() - begun}
             save_checkpoint(

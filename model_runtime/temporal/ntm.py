@@ -44,6 +44,11 @@ class NeuralTemporalModel:
         """When the source's texels started; None where the card does not say."""
         return _timing(self.card)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What training could not be sure of, in sentences."""
+        return _warnings(self.card)
+
     def rung(self, name: str) -> TemporalModel:
         """The model of change called `name` (one of `LADDER`)."""
         return {
@@ -107,6 +112,7 @@ class NeuralTemporalModel:
             ):
                 raise ValueError("shapes do not agree")
             _timing(card)
+            _warnings(card)
         except (KeyError, RuntimeError, ValueError, TypeError) as error:
             raise ModelFileError(
                 f"{path.name} does not hold what an NTM needs.", "Copy or download it again."
@@ -120,6 +126,14 @@ def _timing(card: ModelCard) -> Timing | None:
     """The card's timing; ValueError where it cannot be used."""
     stored = card.details.get("timing")
     return None if stored is None else Timing.from_json(stored)
+
+
+def _warnings(card: ModelCard) -> tuple[str, ...]:
+    """The card's warnings; ValueError where they are no texts."""
+    stored = card.details.get("warnings", [])
+    if not isinstance(stored, list) or not all(isinstance(each, str) for each in stored):
+        raise ValueError("warnings are no texts")
+    return tuple(stored)
 
 
 def _part(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

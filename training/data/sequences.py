@@ -44,7 +44,8 @@ class Sequence:
     `times` [T], 0 to 1, rising; `onset` [H, W], the time at which each texel's history starts, or
     None where the sequence does not separate the two. `timing` says what an onset pattern like it
     needs to know, where the sequence brings that with it: one whose texels were started early, so
-    that their histories are seen to the end, does not show it. Arrays are float32.
+    that their histories are seen to the end, does not show it. `warnings` are sentences about what
+    cannot be learned from it for sure (`training.steadiness`). Arrays are float32.
     """
 
     kd: Array
@@ -54,6 +55,7 @@ class Sequence:
     onset: Array | None
     name: str
     timing: Timing | None = None
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         frames, height, width = self.alpha.shape

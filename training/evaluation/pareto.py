@@ -24,9 +24,10 @@ from .pareto_figures import Probes, exact_point, figures, savings
 from .pareto_probes import large_run, uniform_run, warm_worker
 from .pareto_report import tables
 from .pareto_results import ParetoReport, Point, point_of, with_fronts
-from .pareto_runs import Run, Silent, bundled, kept_json, measure
+from .pareto_runs import Run, bundled, kept_json, measure
 from .pareto_settings import LATENTS, SETTINGS, Setting
 from .pareto_truth import RIVALS, Truth, TruthRun
+from .silent import Silent
 from .synthesis_training import Effort as Teaching
 
 __all__ = ("evaluate_pareto",)

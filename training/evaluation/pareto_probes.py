@@ -16,7 +16,7 @@ import numpy as np
 from model_runtime.age import AgeRequest, age
 from model_runtime.images import write_exr
 
-from .pareto_runs import Silent
+from .silent import Silent
 
 __all__ = ("large_run", "uniform_run", "warm_worker")
 
@@ -27,7 +27,7 @@ _CHILD = """
 import json, sys, time
 from pathlib import Path
 from model_runtime.age import AgeRequest, age
-from training.evaluation.pareto_runs import Silent
+from training.evaluation.silent import Silent
 material, ntm, output, size, frames = sys.argv[1:]
 request = AgeRequest(Path(material), ntm, Path(output), size=int(size), frames=int(frames))
 wall, core = time.perf_counter(), time.process_time()

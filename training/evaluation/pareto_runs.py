@@ -21,8 +21,9 @@ from model_runtime.result import StagedResult
 from ..kept import identity
 from .pareto_exact import Exact
 from .pareto_settings import Setting
+from .silent import Silent
 
-__all__ = ("Run", "Silent", "bundled", "kept_json", "measure")
+__all__ = ("Run", "bundled", "kept_json", "measure")
 
 
 @dataclass(frozen=True)
@@ -50,19 +51,6 @@ class Run:
     psnr: Sequence[float]
     writing: Sequence[float] | None
     load: float
-
-
-class Silent:
-    """A reporter of runs that nobody watches."""
-
-    def progress(self, stage: str, fraction: float) -> None:
-        pass
-
-    def warning(self, message: str) -> None:
-        pass
-
-    def cancelled(self) -> bool:
-        return False
 
 
 def bundled(ntm: str) -> str:

@@ -76,10 +76,17 @@ class Transferred:
 
 @dataclass(frozen=True)
 class Decoded:
-    """An LSTM on latents with nothing added: encoded, rolled out, decoded."""
+    """An LSTM on latents with nothing added: encoded, rolled out, decoded.
+
+    samples: directions that the encoder reads
+    steps: frames that its source had where the target has another number over the same time; the
+    rollout is interpolated then.
+    """
 
     representation: Trained
     model: LatentLSTM
+    samples: int = _SAMPLES
+    steps: int | None = None
 
     def dear(self, stage: Stage) -> bool:
         """Yes."""
@@ -88,7 +95,7 @@ class Decoded:
     def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
         """From the latents of the first frame."""
         first = self._encode(stage, 0, pixels)
-        flat = self.model.rollout(first.flat(), stage.frames)[:, frames]
+        flat = self._rolled_out(first, stage.frames)[:, frames]
         return self._render(stage, first, flat, pixels)
 
     def ceiling(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
@@ -102,7 +109,7 @@ class Decoded:
         fit of the first frame.
         """
         first = self._encode(stage, 0, pixels)
-        flat = self.model.rollout(first.flat(), stage.frames)
+        flat = self._rolled_out(first, stage.frames)
         fits = [
             fit_torrance_sparrow(self.representation.decode(first.unflat(some), fit_angles()))
             for some in flat.flatten(0, 1).split(_TOGETHER * stage.frames)
@@ -112,8 +119,18 @@ class Decoded:
         anchored = states + gain * (start - states[:, 0])[:, None]
         return clamp_parameters(anchored.transpose(0, 1))
 
+    def _rolled_out(self, first: Latents, frames: int) -> Tensor:
+        """Latents [p, frames, D]."""
+        steps = self.steps or frames
+        flat = self.model.rollout(first.flat(), steps)
+        if steps == frames:
+            return flat
+        place = torch.linspace(0, steps - 1, frames)
+        lower = place.long().clamp(0, steps - 2)
+        return torch.lerp(flat[:, lower], flat[:, lower + 1], (place - lower)[:, None])
+
     def _encode(self, stage: Stage, frame: int, pixels: Tensor) -> Latents:
-        angles = self.representation.sample_angles(_SAMPLES, measured=stage.measured)
+        angles = self.representation.sample_angles(self.samples, measured=stage.measured)
         parts = [
             self.representation.encode(angles, stage.values(frame, some, angles))
             for some in pixels.split(_TOGETHER)
@@ -134,12 +151,13 @@ class Decoded:
 @dataclass(frozen=True)
 class Rung:
     """One rung of a ladder as the product uses it, or (None) the one that it chooses: every texel
-    is modelled for itself and anchored to what it was.
+    is modelled for itself and anchored to what it was. `samples` as in `roll_out`.
     """
 
     ntm: NeuralTemporalModel
     representation: Trained
     name: str | None
+    samples: int | None = None
 
     def rung(self, stage: Stage) -> str:
         """`name`, or what `age --temporal-model auto` takes: the ladder's choice, and for a target
@@ -192,7 +210,9 @@ class Rung:
         change as those of the source did on average.
         """
         palette = palette or Palette(start, torch.arange(len(start)))
-        histories = roll_out(palette.entries, self.ntm, rung, self.representation)
+        histories = roll_out(
+            palette.entries, self.ntm, rung, self.representation, samples=self.samples
+        )
         gain = self.ntm.affine.gain
         gain = torch.ones_like(gain) if rung == "constant" else gain
         texels = AgedTexels(start, palette, histories, gain, onset, rate)

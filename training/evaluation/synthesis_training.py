@@ -20,6 +20,7 @@ from ..data.sequences import MixtureSequence, Sequence
 from ..histories import SourceHistories, source_histories
 from ..kept import identity, keep, read_kept
 from ..ntm import NTMConfig, Run, train_ladder, train_lstm
+from ..steadiness import steadied
 from ..timing import timed
 from .synthesis_cases import states_of
 from .synthesis_stage import thinned
@@ -54,11 +55,12 @@ def describe(sequence: Sequence | MixtureSequence) -> str:
 @dataclass
 class School:
     """Trains on sources; what has been learned is in the folder `kept`, and survives being killed
-    at any moment.
+    at any moment. `save_every` as in `Run`.
     """
 
     kept: Path
     effort: Effort
+    save_every: float = 60.0
 
     def minutes(self) -> dict[str, float]:
         """How long one training took, by method: the mean over all that is kept."""
@@ -84,13 +86,14 @@ class School:
         `encoder` is the hash of the representation.
         """
         effort = self.effort
-        chosen = source if onset else _without_onset(source)
+        chosen = steadied(source if onset else _without_onset(source))
         spent = f"{effort.ladder} {effort.texels} {self._VERSION}"
         made_from = identity(describe(chosen), encoder, spent)
         path = self.kept / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"
         if not path.exists() or read_card(path).details.get("made_from") != made_from:
             histories = source_histories(thinned(timed(chosen), effort.texels), representation)
-            run = Run(self.kept / f"{path.stem}_{made_from[:8]}", resume=True)
+            base = self.kept / f"{path.stem}_{made_from[:8]}"
+            run = Run(base, resume=True, save_every=self.save_every)
             ntm = train_ladder(histories, representation, effort.ladder, run)
             card = {"name": key, "title": key, "frames": ntm.frames, "representation": encoder}
             details = {**card, **ntm.card.details, "made_from": made_from, "source": "evaluation"}
