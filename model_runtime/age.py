@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -289,9 +288,13 @@ def command_line(request: AgeRequest) -> str:
 
 def _peak_rss_mb() -> float | None:
     """The most memory this process has held so far, in MB; None where the system does not tell."""
+    # Linux counts in ru_maxrss what the parent held when it started this process.
+    status = Path("/proc/self/status")
+    if status.exists():
+        held = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        return round(int(held["VmHWM"].split()[0]) / (1 << 10), 1)
     try:
         import resource
     except ImportError:  # Windows
         return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / (1 << 20 if sys.platform == "darwin" else 1 << 10), 1)
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20), 1)
