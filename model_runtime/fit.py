@@ -24,7 +24,7 @@ class FitEffort:
     """How many alphas are tried, how often the best is refined, and in which precision."""
 
     candidates: int = 40
-    refinements: int = 3
+    refinements: int = 5
     precision: torch.dtype = torch.float64
 
 
