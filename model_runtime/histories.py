@@ -68,7 +68,9 @@ def roll_out(
     """
     model, decoder = ntm.rung(rung), representation
     if rung == "lstm_latents" and device != CPU:
-        model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation).to(device)
+        model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation)
+        assert isinstance(decoder, torch.nn.Module)
+        decoder.to(device)
     parts, errors = [], [0.0]
     for start, stop in _chunks(len(entries)):
         chunk = entries[start:stop]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 __all__ = ("savings",)
 
 
 def savings(
-    *, texels: int, modelled: int, files: Mapping[str, Sequence[str | Sequence[Sequence]]]
+    *, texels: int, modelled: int, files: Mapping[str, Sequence[str | Sequence[Sequence[Any]]]]
 ) -> list[str]:
     """A sentence each on the BRDFs that were modelled and on maps that lack frames.
 
@@ -17,7 +18,11 @@ def savings(
     sentences = [_modelled(modelled, texels)]
     by_count: dict[tuple[int, int], list[str]] = {}
     for name, frames in files.items():
-        stored = {file for mix in frames for file in ([mix] if isinstance(mix, str) else dict(mix))}
+        stored = {
+            file
+            for mix in frames
+            for file in ([mix] if isinstance(mix, str) else [part[0] for part in mix])
+        }
         by_count.setdefault((len(stored), len(frames)), []).append(name.replace("_", " "))
     for (stored, frames), names in by_count.items():
         listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1]))).capitalize()
