@@ -177,6 +177,28 @@ def test_uniform_material_gets_keyed_sockets_and_no_textures(tmp_path):
     assert snapshot(material) == before
 
 
+def test_the_roughness_between_stored_frames_is_that_of_the_alpha_between(tmp_path):
+    """Alpha straight from 0.01 to 0.81 in four frames, of which the ends are stored."""
+    import json
+
+    material = new_material()
+    material.tvbrdf.onset = "none"
+    plane(material)
+    maps = {name: [np.full((1, 1, 3), 0.25)] * 4 for name in ("kd", "ks")}
+    maps["alpha"] = [np.full((1, 1), alpha) for alpha in (0.01, 0.5, 0.5, 0.81)]
+    folder = write_result(tmp_path / "aged", "torrance-sparrow", maps)
+    data = json.loads((folder / "aged.json").read_text())
+    ends = "alpha_0001.exr", "alpha_0004.exr"
+    between = [[[ends[0], 1 - share], [ends[1], share]] for share in (1 / 3, 2 / 3)]
+    data["files"]["alpha"] = [[[ends[0], 1.0]], *between, [[ends[1], 1.0]]]
+    (folder / "aged.json").write_text(json.dumps(data))
+    bind(material, None, folder, tmp_path, span=(1, 4))
+    glossy = next(n for n in material.node_tree.nodes if n.type == "BSDF_GLOSSY")
+    for frame, alpha in ((1, 0.01), (2, 0.27667), (3, 0.54333), (4, 0.81)):
+        bpy.context.scene.frame_set(frame)
+        assert glossy.inputs["Roughness"].default_value == pytest.approx(alpha**0.5, rel=2e-3)
+
+
 def test_a_map_that_never_changes_keeps_what_fed_it(tmp_path):
     material = new_material()
     procedural(material)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 import bpy
+import numpy as np
 
 from ..errors import MaterialError
 from .animation import AnimationBefore, drive_by_age, key, own_action
@@ -102,16 +103,21 @@ class Edit:
     def _show_values(
         self, aged: AgedMap, socket: bpy.types.NodeSocket, transform: Transform | None
     ) -> None:
-        """Keys the socket once a stored frame, straight between them."""
+        """Keys the socket once a modelled frame, straight between them."""
         texels = [read_exr_texel(path) for path in aged.files]
+        if aged.changes:
+            frames = range(len(self._times))
+            columns = (
+                np.interp(frames, aged.stored, column) for column in zip(*texels, strict=True)
+            )
+            texels = list(zip(*(column.tolist() for column in columns), strict=True))
         if socket.type == "RGBA":
             values: list[float | tuple[float, ...]] = [(*texel, 1.0) for texel in texels]
         else:
             values = [transform(texel[0]) if transform else texel[0] for texel in texels]
         if aged.changes:
             first, last = self._span
-            at = [first + self._times[frame] * (last - first) for frame in aged.stored]
-            key(socket, values, at)
+            key(socket, values, [first + time * (last - first) for time in self._times])
         else:
             socket.default_value = values[0]
 
