@@ -33,7 +33,7 @@ from .result import StagedResult, check_space
 from .savings import savings
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
-from .writing import Format, maps_of, write_frames, write_stored_frames
+from .writing import Format, Frames, maps_of, write_frames, write_stored_frames
 
 __all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
@@ -167,16 +167,18 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
                     "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
                 )
 
+            frames = Frames(maps, times, effort.interval)
+
             def step(fraction: float) -> None:
                 run.progress("writing", 0.4 + 0.6 * fraction)
 
             files: dict[str, Any]
             if request.sparse:
                 files = write_stored_frames(
-                    maps, staged, times, step, tolerance=request.tolerance, seed=request.seed
+                    frames, staged, step, tolerance=request.tolerance, seed=request.seed
                 )
             else:
-                files = write_frames(maps, staged, times, step)
+                files = write_frames(frames, staged, step)
             staged.finish()
         report = {
             "format": maps.format,
@@ -187,7 +189,12 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
             "quality": request.quality,
             "temporal_model": rung,
             "palette": len(palette.entries),
-            "plan": savings(texels=len(initial), modelled=len(palette.entries), files=files),
+            "plan": savings(
+                texels=len(initial),
+                modelled=len(palette.entries),
+                interval=effort.interval,
+                files=files,
+            ),
             "fit_error": round(max(fit_error, histories.fit_error), 6),
             "warnings": run.warnings,
             "seconds": run.seconds,

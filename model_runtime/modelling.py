@@ -34,6 +34,7 @@ class Effort:
     checked: whether texels modelled each for itself tell if the cells are fine enough
     samples: directions that the encoder is given; None takes its short cut from the parameters
     fit: what is spent on the fit of what was decoded
+    interval: every so many frames each texel is aged; those between are interpolated
     compression: what is spent on making files small
     """
 
@@ -42,11 +43,12 @@ class Effort:
     checked: bool = True
     samples: int | None = None
     fit: FitEffort = USUAL
+    interval: int = 1
     compression: Compression = "zip"
 
 
 EFFORTS = {
-    "draft": Effort(step=0.12, most=256, checked=False, compression="none"),
+    "draft": Effort(step=0.12, most=256, checked=False, interval=3, compression="none"),
     "balanced": Effort(),
     "exact": Effort(step=0.0, most=0, checked=False, samples=16_200),
 }

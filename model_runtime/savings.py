@@ -9,13 +9,21 @@ __all__ = ("savings",)
 
 
 def savings(
-    *, texels: int, modelled: int, files: Mapping[str, Sequence[str | Sequence[Sequence[Any]]]]
+    *,
+    texels: int,
+    modelled: int,
+    interval: int,
+    files: Mapping[str, Sequence[str | Sequence[Sequence[Any]]]],
 ) -> list[str]:
-    """A sentence each on the BRDFs that were modelled and on maps that lack frames.
+    """A sentence each on the BRDFs that were modelled, on frames that are only interpolated and on
+    maps that lack frames.
 
-    `files` are those of `aged.json`: per map and frame its file, or its mix of files.
+    Every `interval`-th frame was aged; `files` are those of `aged.json`: per map and frame its
+    file, or its mix of files.
     """
     sentences = [_modelled(modelled, texels)]
+    if interval > 1:
+        sentences.append(f"Aged one frame in {interval}; those between are interpolated.")
     by_count: dict[tuple[int, int], list[str]] = {}
     for name, frames in files.items():
         stored = {

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -19,7 +20,7 @@ from .maps import Halves, Pixels, PrincipledMaps, TorranceSparrowMaps
 from .plan import Stored, stored_frames
 from .result import StagedResult
 
-__all__ = ("Format", "FrameMaps", "maps_of", "write_frames", "write_stored_frames")
+__all__ = ("Format", "FrameMaps", "Frames", "maps_of", "write_frames", "write_stored_frames")
 
 Format = Literal["torrance-sparrow", "principled", "principled-exact"]
 Mix = list[list[str | float]]
@@ -58,7 +59,11 @@ class FrameMaps:
     authored: PrincipledMaps | None
 
     def at(self, time: float) -> dict[str, Halves]:
-        """Every map at `time` in 0..1: name -> [H, W, 3] or [H, W], rounded to half floats.
+        """Every map at `time` in 0..1: name -> [H, W, 3] or [H, W], rounded to half floats."""
+        return self.named(self.planes(time))
+
+    def planes(self, time: float) -> Tensor:
+        """Every channel of every map at `time` in 0..1, one after the other: [C, H W] halves.
 
         A band is aged after the other, and of each only the texels that have started: the others
         stay as they are in frame 1.
@@ -67,7 +72,16 @@ class FrameMaps:
         for band in self._bands:
             if band.texels.started(time):
                 self._fill(planes, band, band.texels.at(time))
-        return self._maps(planes)
+        return planes
+
+    def named(self, planes: Tensor) -> dict[str, Halves]:
+        """Views of `planes` as maps: name -> [H, W, 3] or [H, W]."""
+        maps, start = {}, 0
+        for name, channels in _CHANNELS[self.format].items():
+            pixels = planes[start : start + channels].numpy().reshape(channels, *self.size)
+            maps[name] = pixels[0] if channels == 1 else np.moveaxis(pixels, 0, -1)
+            start += channels
+        return maps
 
     def representable(self, times: Sequence[float]) -> bool:
         """Whether "principled-exact" can hold every texel as it was given and at all of `times`."""
@@ -143,13 +157,52 @@ class FrameMaps:
         back = principled.read_back(maps, authored.map(lambda pixels: pixels[: states.shape[1]]))
         return back.base_color, back.metallic, back.specular, back.roughness
 
-    def _maps(self, planes: Tensor) -> dict[str, Halves]:
-        maps, start = {}, 0
-        for name, channels in _CHANNELS[self.format].items():
-            pixels = planes[start : start + channels].numpy().reshape(channels, *self.size)
-            maps[name] = pixels[0] if channels == 1 else np.moveaxis(pixels, 0, -1)
-            start += channels
-        return maps
+
+@dataclass
+class Frames:
+    """The frames of `maps` at `times`, which are evenly spaced.
+
+    Every `interval`-th frame and the last are aged; in those between, each texel that is under way
+    goes straight from its start, or the aged frame before, to the next aged frame.
+    """
+
+    maps: FrameMaps
+    times: Sequence[float]
+    interval: int = 1
+    _aged: dict[int, Tensor] = field(default_factory=dict)
+
+    def at(self, k: int) -> dict[str, Halves]:
+        """Every map in frame `k`, counted from 0; the next frame to ask for is best a later one."""
+        after = self._numbers[bisect.bisect_left(self._numbers, k)]
+        if after == k:
+            return self.maps.named(self._planes(k))
+        before = k - k % self.interval
+        first, last = self._planes(before), self._planes(after)
+        share = self._share(*(self.times[number] for number in (before, k, after)))
+        return self.maps.named(torch.lerp(first, last, share))
+
+    def _share(self, before: float, time: float, after: float) -> Tensor:
+        """How far each texel has got from its state at `before` to that at `after`: [H W] or []."""
+        onset = self.maps.aged.onset
+        start = torch.tensor(before) if onset is None else onset.clamp_min(before)
+        return ((time - start) / (after - start)).clamp_(0, 1).half()
+
+    def sampled(self, seed: int) -> Frames:
+        """The same at random texels and those that change most (`FrameMaps.sampled`)."""
+        spots = _most_changed(self.at(0), self.at(len(self.times) - 1))
+        return Frames(self.maps.sampled(seed, also=spots), self.times, self.interval)
+
+    @cached_property
+    def _numbers(self) -> list[int]:
+        last = len(self.times) - 1
+        return sorted({*range(0, last, self.interval), last})
+
+    def _planes(self, k: int) -> Tensor:
+        if k not in self._aged:
+            # what is asked for next lies between the latest one and this one
+            self._aged = dict([*self._aged.items()][-1:])
+            self._aged[k] = self.maps.planes(self.times[k])
+        return self._aged[k]
 
 
 def maps_of(
@@ -180,25 +233,22 @@ def maps_of(
 
 
 def write_frames(
-    maps: FrameMaps,
-    staged: StagedResult,
-    times: Sequence[float],
-    progress: Callable[[float], None],
+    frames: Frames, staged: StagedResult, progress: Callable[[float], None]
 ) -> dict[str, list[str]]:
     """Write every map of every frame; returns the files of each map, in order."""
     files: dict[str, list[str]] = {}
-    for k, time in enumerate(times):
-        for name, pixels in maps.at(time).items():
+    count = len(frames.times)
+    for k in range(count):
+        for name, pixels in frames.at(k).items():
             files.setdefault(name, []).append(file_name(name, k))
             staged.write(file_name(name, k), pixels)
-        progress((k + 1) / len(times))
+        progress((k + 1) / count)
     return files
 
 
 def write_stored_frames(
-    maps: FrameMaps,
+    frames: Frames,
     staged: StagedResult,
-    times: Sequence[float],
     progress: Callable[[float], None],
     *,
     tolerance: float,
@@ -210,21 +260,22 @@ def write_stored_frames(
     `tolerance` dB (`plan.stored_frames`) on a random sample of texels and, that no small spot be
     overlooked, the one of each map that changes most.
     """
-    sample = maps.sampled(seed, also=_most_changed(maps.at(times[0]), maps.at(times[-1])))
-    looks = [sample.at(time) for time in times]
+    count = len(frames.times)
+    sample = frames.sampled(seed)
+    looks = [sample.at(k) for k in range(count)]
     stored: dict[str, Stored] = {
         name: stored_frames(
             torch.from_numpy(np.stack([look[name] for look in looks])).float(), tolerance
         )
         for name in looks[0]
     }
-    for k, time in enumerate(times):
+    for k in range(count):
         wanted = [name for name in stored if k in stored[name].frames]
         if wanted:
-            frame = maps.at(time)
+            frame = frames.at(k)
             for name in wanted:
                 staged.write(file_name(name, k), frame[name])
-        progress((k + 1) / len(times))
+        progress((k + 1) / count)
     return {
         name: [[[file_name(name, k), weight] for k, weight in mix] for mix in kept.mix]
         for name, kept in stored.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -31,10 +32,10 @@ def test_time_and_disk_grow_with_frames_and_texels():
 
 
 def test_exact_through_latents_takes_hours():
-    """0.05 s a texel: measured at 8 x 8 texels."""
+    """0.011 s a texel."""
     exact = Work(1024 * 1024, 36, "exact", "lstm_latents")
-    assert in_time(Rates().of(exact).seconds) == "15 hours"
-    assert in_time(Rates().of(BALANCED).seconds) == "25 s"
+    assert in_time(Rates().of(exact).seconds) == "3 hours"
+    assert in_time(Rates().of(BALANCED).seconds) == "7 s"
 
 
 def test_runs_are_learned_from():
@@ -44,7 +45,7 @@ def test_runs_are_learned_from():
     assert rates.of(BALANCED).seconds == pytest.approx(sum(took.values()), rel=0.02)
     assert rates.of(BALANCED).bytes == pytest.approx(400e6, rel=0.02)
     draft = Work(BALANCED.texels, 36, "draft", "affine")
-    assert rates.model[draft.kind] == Rates().model[draft.kind], "of drafts nothing was learned"
+    assert replace(rates, overhead=0.6).of(draft) == Rates().of(draft), "nothing was learned of it"
 
 
 def test_a_short_run_says_nothing_of_writing():
@@ -59,7 +60,7 @@ def test_rates_are_kept(tmp_path: Path):
     assert Rates.load(tmp_path / "rates.json") == rates
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"write": "fast"}', '{"model": 3}', '{"x": 1}'])
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"write": 6e-7}', '{"model": 3}', '{"x": 1}'])
 def test_a_broken_file_of_rates_is_forgotten(tmp_path: Path, text: str):
     (tmp_path / "rates.json").write_text(text)
     assert Rates.load(tmp_path / "rates.json") == Rates()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from model_runtime.images import read_image
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.plan import Palette
 from model_runtime.result import StagedResult
-from model_runtime.writing import FrameMaps, maps_of, write_stored_frames
+from model_runtime.writing import FrameMaps, Frames, maps_of, write_frames, write_stored_frames
 
 SIZE = (70, 1000)  # three bands, the last one shorter
 TIMES = (0.0, 0.2, 0.7, 1.0)
@@ -130,7 +131,7 @@ def test_a_spot_that_no_sample_meets_is_stored_all_the_same(tmp_path: Path) -> N
     for seed in range(3):
         with StagedResult(tmp_path / str(seed)) as staged:
             files = write_stored_frames(
-                maps, staged, (0.0, 0.5, 1.0), lambda _: None, tolerance=45, seed=seed
+                Frames(maps, (0.0, 0.5, 1.0)), staged, lambda _: None, tolerance=45, seed=seed
             )
             staged.commit({"files": files})
         first, last = (
@@ -138,3 +139,47 @@ def test_a_spot_that_no_sample_meets_is_stored_all_the_same(tmp_path: Path) -> N
             for k in (1, 3)
         )
         assert (first != last).any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 7, 8])
+@pytest.mark.parametrize("at_once", [False, True])
+def test_frames_between_the_aged_ones_go_straight(count: int, at_once: bool) -> None:
+    material = authored((3, 5))
+    texels = ageing(material)
+    assert texels.onset is not None
+    onset = texels.onset.numpy().reshape(3, 5)
+    onset[0, 0] = 1  # to the bit the time of an aged frame
+    if at_once:
+        texels, onset = replace(texels, onset=None), np.zeros((3, 5), np.float32)
+    maps = FrameMaps(texels, (3, 5), "principled", material)
+    times = np.linspace(0, 1, count).tolist()
+    frames = Frames(maps, times, interval=3)
+    for k in range(count):
+        before, after = k - k % 3, min(k - k % 3 + 3, count - 1)
+        expected = maps.at(times[k])
+        if k not in (before, after):
+            first, last = (maps.at(times[end]) for end in (before, after))
+            start = np.maximum(onset, times[before])
+            whole = np.maximum(times[after] - start, 1e-9)
+            share = np.clip((times[k] - start) / whole, 0, 1)
+            for name, pixels in last.items():
+                part = share[..., None] if pixels.ndim == 3 else share
+                expected[name] = (1 - part) * first[name] + part * pixels
+        for name, pixels in frames.at(k).items():
+            assert pixels.dtype == np.float16
+            np.testing.assert_allclose(pixels, expected[name], rtol=2e-3, atol=1e-3, err_msg=name)
+
+
+def test_each_aged_frame_is_aged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    material = authored((3, 5))
+    maps = FrameMaps(ageing(material), (3, 5), "principled", material)
+    aged: list[float] = []
+    planes = FrameMaps.planes
+    monkeypatch.setattr(
+        FrameMaps, "planes", lambda self, time: (aged.append(time), planes(self, time))[1]
+    )
+    times = np.linspace(0, 1, 9).tolist()
+    with StagedResult(tmp_path / "aged") as staged:
+        files = write_frames(Frames(maps, times, interval=3), staged, lambda _: None)
+        staged.commit({"files": files})
+    assert aged == [times[k] for k in (0, 3, 6, 8)]

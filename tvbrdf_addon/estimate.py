@@ -4,7 +4,8 @@
               + write * frames * texels
     bytes = stored * frames * texels
 
-`model` is one number for each quality and kind of temporal model (through latents or not).
+`write` and `stored` are one number for each quality, and `model` one for each quality and kind of
+temporal model (through latents or not).
 """
 
 from __future__ import annotations
@@ -55,32 +56,37 @@ class Estimate:
     bytes: float
 
 
-def _first_model_rates() -> dict[str, float]:
-    return {
-        "draft parameters": 0.1,
+# Measured (`python -m training evaluate pareto`) on two idle cores of 2020.
+_FIRST: dict[str, dict[str, float]] = {
+    "write": {"draft": 6e-8, "balanced": 1.7e-7, "exact": 1.7e-7},
+    "stored": {"draft": 12.0, "balanced": 6.0, "exact": 6.0},
+    "model": {
+        "draft parameters": 0.15,
         "draft latents": 0.5,
-        "balanced parameters": 0.5,
-        "balanced latents": 4.0,
-        "exact parameters": 1e-4,
-        "exact latents": 0.05,
-    }
+        "balanced parameters": 0.25,
+        "balanced latents": 7.0,
+        "exact parameters": 4e-5,
+        "exact latents": 0.011,
+    },
+}
 
 
 @dataclass(frozen=True)
 class Rates:
-    """Seconds and bytes on this machine; by default those of two cores of 2020, idle."""
+    """What runs take on this machine; by default what they took on another."""
 
-    overhead: float = 1.0
-    write: float = 6e-7
-    stored: float = 6.5
-    model: Mapping[str, float] = field(default_factory=_first_model_rates)
+    overhead: float = 0.6
+    write: Mapping[str, float] = field(default_factory=lambda: _FIRST["write"])
+    stored: Mapping[str, float] = field(default_factory=lambda: _FIRST["stored"])
+    model: Mapping[str, float] = field(default_factory=lambda: _FIRST["model"])
 
     @classmethod
     def load(cls, path: Path | None) -> Rates:
         """The rates kept in `path`; the first ones where there is no such file, or a broken one."""
         try:
             kept = json.loads(path.read_text(encoding="utf-8")) if path else {}
-            rates = cls(**{**kept, "model": _first_model_rates() | kept.get("model", {})})
+            tables = {name: first | kept.get(name, {}) for name, first in _FIRST.items()}
+            rates = cls(**{**kept, **tables})
             rates.of(Work(1, 1, "balanced", "affine"))
         except (OSError, ValueError, TypeError, AttributeError):
             return cls()
@@ -94,8 +100,8 @@ class Rates:
         written = work.texels * work.frames
         modelling = self.model[work.kind] * work.modelled
         return Estimate(
-            seconds=self.overhead + modelling + self.write * written,
-            bytes=self.stored * written,
+            seconds=self.overhead + modelling + self.write[work.quality] * written,
+            bytes=self.stored[work.quality] * written,
         )
 
     def after(self, aged: Mapping[str, Any], stored: int) -> Rates:
@@ -113,10 +119,12 @@ class Rates:
         )
         if written < _TELLING:
             return known
+        write = _blend(self.write[work.quality], seconds["write"] / written)
+        each = _blend(self.stored[work.quality], stored / written)
         return replace(
             known,
-            write=_blend(self.write, seconds["write"] / written),
-            stored=_blend(self.stored, stored / written),
+            write={**self.write, work.quality: write},
+            stored={**self.stored, work.quality: each},
         )
 
 

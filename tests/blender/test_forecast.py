@@ -91,5 +91,7 @@ def test_runs_are_learned_from_and_kept(tmp_path: Path, monkeypatch):
     }
     learn(aged, result)
     kept = json.loads((tmp_path / "rates.json").read_text())
-    assert kept["write"] == pytest.approx((100 / (36 * 1024**2) + Rates().write) / 2)
+    assert kept["write"]["draft"] == pytest.approx(
+        (100 / (36 * 1024**2) + Rates().write["draft"]) / 2
+    )
     assert Rates.load(tmp_path / "rates.json") == module._rates

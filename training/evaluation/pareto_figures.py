@@ -157,6 +157,7 @@ def savings(points: Mapping[str, Point], probes: Probes) -> list[Saving]:
     for name, without, with_it in (
         ("sparse frames", "balanced", "sparse"),
         ("every 3rd frame", "balanced", "every 3rd frame"),
+        ("aged every 3rd frame", "balanced", "aged every 3rd frame"),
         ("ZIP", "uncompressed", "balanced"),
         ("half the size", "balanced", "size / 2"),
     ):

@@ -64,6 +64,7 @@ SETTINGS = (
     Setting("constant", "rung", _BALANCED, rung="constant"),
     Setting("affine", "rung", _BALANCED, rung="affine"),
     Setting("every 3rd frame", "frames", _BALANCED, every=3),
+    Setting("aged every 3rd frame", "frames", replace(_BALANCED, interval=3)),
     Setting("sparse", "frames", _BALANCED, sparse=True),
     Setting("size / 2", "size", _BALANCED, shrink=2),
     Setting("size / 4", "size", _BALANCED, shrink=4),
