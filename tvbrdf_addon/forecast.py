@@ -15,10 +15,11 @@ from typing import Any
 import bpy
 
 from . import preferences, properties
+from .errors import MaterialError
 from .estimate import Estimate, Rates, Work
-from .material.onset import is_painted
+from .material.onset import is_painted, showing
 from .material.revert import is_aged
-from .material.space import Space, choose_space
+from .material.space import Space, choose_space, image_size
 from .material.trace import find_principled
 from .report import report_in
 
@@ -46,10 +47,14 @@ class Forecast:
 
 @dataclass(frozen=True)
 class _Look:
-    """What was seen of a material: how its maps are made, its images' size, what cameras see."""
+    """What was seen of a material: how its maps are made, its images' size, what cameras see.
+
+    These sizes are those of a tile; `tiles` are the (rows, columns) of them.
+    """
 
     kind: str
     images: tuple[int, int] | None
+    tiles: tuple[int, int]
     seen: int
     why: str
 
@@ -114,16 +119,12 @@ def _size(settings: properties.TVBRDF_PG_material, look: _Look) -> tuple[tuple[i
     longer, why = (look.seen, look.why) if settings.use_camera_size else (settings.size, "")
     if look.kind == "uniform" and settings.onset == "none":
         return (1, 1), ""
-    if look.images is None:
-        return (longer, longer), why
-    if not settings.use_camera_size:
-        return look.images, why
-    return _scaled(look.images, min(longer, max(look.images))), why
-
-
-def _scaled(size: tuple[int, int], longer: int) -> tuple[int, int]:
-    height, width = (max(1, round(length * longer / max(size))) for length in size)
-    return height, width
+    height, width = look.images or (longer, longer)
+    if look.images is not None and settings.use_camera_size:
+        share = min(longer, max(look.images)) / max(look.images)
+        height, width = (max(1, round(length * share)) for length in look.images)
+    rows, columns = look.tiles
+    return (rows * height, columns * width), why
 
 
 def _ask(uids: tuple[int, int]) -> None:
@@ -160,21 +161,26 @@ def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
     """None where the material cannot be aged as it is."""
     # Only now: numpy, which it needs, has no part in drawing a panel.
     from .material.cameras import all_the_cameras_see
+    from .material.tiles import tiles_of
 
-    space = _space(material)
+    readable = _readable(material)
     layers = (layer.depsgraph for layer in scene.view_layers)
     depsgraph = next((each for each in layers if each is not None), None)
-    if space is None or depsgraph is None:
+    if readable is None or depsgraph is None:
+        return None
+    principled, space = readable
+    try:
+        tiles = tiles_of(principled, space, material, showing(material, scene))
+    except MaterialError:
         return None
     seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)
     images = None
     if space.kind == "texture":
-        width, height = max((node.image.size for node in space.images), key=max)
-        images = (height, width)
-    return _Look(space.kind, images, seen.pixels, seen.why)
+        images = max((image_size(node.image) for node in space.images), key=max)
+    return _Look(space.kind, images, (tiles.rows, tiles.columns), seen.pixels, seen.why)
 
 
-def _space(material: bpy.types.Material) -> Space | None:
+def _readable(material: bpy.types.Material) -> tuple[bpy.types.Node, Space] | None:
     if material.node_tree is None:
         return None
     try:
@@ -184,8 +190,8 @@ def _space(material: bpy.types.Material) -> Space | None:
     if principled is None or principled.type != "BSDF_PRINCIPLED":
         return None
     space = choose_space(principled, painted=is_painted(material))
-    broken = any(node.image is None or min(node.image.size) == 0 for node in space.images)
-    return None if broken else space
+    broken = any(node.image is None or min(image_size(node.image)) == 0 for node in space.images)
+    return None if broken else (principled, space)
 
 
 def _by_uid(collection: Any, uid: int) -> Any:

@@ -274,7 +274,8 @@ class Run:
         self.stage = "Making a preview"
         # Not beside the result, but as long as Blender lives: an undo may bring it back.
         place = Path(bpy.app.tempdir) / f"preview-{self.plan.material_uid}"
-        quick = {"output": str(place), "size": PREVIEW_SIZE, "quality": "draft"}
+        size = PREVIEW_SIZE * max(reading.tiles.columns, reading.tiles.rows)
+        quick = {"output": str(place), "size": size, "quality": "draft"}
         request = request | quick
         for _ in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()

@@ -302,11 +302,6 @@ def _missing_image(material) -> None:
     link(material, add(material, "ShaderNodeTexImage", image=made).outputs[0], "Base Color")
 
 
-def _tiles(material) -> None:
-    made = bpy.data.images.new("Tiles", 4, 4, tiled=True)
-    link(material, add(material, "ShaderNodeTexImage", image=made).outputs[0], "Base Color")
-
-
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
@@ -317,7 +312,6 @@ def _tiles(material) -> None:
         (_muted, "muted"),
         (_no_image, "has no image"),
         (_missing_image, "cannot be loaded"),
-        (_tiles, "UDIM"),
     ],
 )
 def test_unreadable_materials_are_refused_with_a_sentence(tmp_path, spoil, words):

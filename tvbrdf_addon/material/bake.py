@@ -4,29 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
 
 from ..errors import MaterialError
-from .pixels import Array, image_pixels
+from .pixels import Array, image_pixels, resampled
+from .space import image_sizes
+from .tiles import Tile, Tiles
 from .trace import find_principled, input_socket
 from .unwrap import plain_mesh
 
 __all__ = ("Target", "bake_sockets")
 
+_TILE = "tvbrdf tile"
+
 
 @dataclass(frozen=True)
 class Target:
-    """What is baked to: the UV map of an object that has `material`, or (None) the unit square.
+    """What is baked to: the UV map of an object that has `material`, or (None) plain squares.
 
-    On the unit square image textures are looked up texel by texel, whatever feeds their Vector.
+    On plain squares image textures are looked up texel by texel, whatever feeds their Vector.
     """
 
     material: bpy.types.Material
     obj: bpy.types.Object | None = None
     uv_map: str = "UVMap"
+    tiles: Tiles = field(default_factory=Tiles)
 
 
 def bake_sockets(
@@ -36,13 +41,15 @@ def bake_sockets(
     *,
     size: tuple[int, int],
     frame: int,
+    shape: tuple[int, int] | None = None,
 ) -> tuple[dict[str, Array], Array]:
     """The values of Principled sockets, by identifier, as maps, and the share covered by faces.
 
-    `copy` is a copy of the material that may be changed.  `size` is (height, width).  Colours are
-    [H, W, 3], numbers [H, W]; the coverage [H, W] is 1 where a face lies.  One sample at
-    the texel's centre, so the same input gives the same maps.  Raises `MaterialError` where Cycles
-    fails.
+    `copy` is a copy of the material that may be changed.  `size` is the (height, width) at which
+    each tile is baked, `shape` that to which it is then resampled, if it is another.  Colours are
+    [H, W, 3], numbers [H, W] for all tiles together; the coverage [H, W] is 1 where a face lies.
+    One sample at the texel's centre, so the same input gives the same maps.  Raises `MaterialError`
+    where Cycles fails.
     """
     tree = copy.node_tree
     output, principled = find_principled(copy)
@@ -59,24 +66,31 @@ def bake_sockets(
         node.image = image
         tree.nodes.active = node
         if target.obj is None:
-            _look_up_texels(tree, size)
+            _look_up_texels(tree, size, target.tiles)
 
-        def bake(margin: int) -> Array:
-            _bake(scene, obj, target.uv_map, margin)
+        def bake(tile: Tile, margin: int) -> Array:
+            _bake(scene, obj, _uv_map_of(tile, obj.data, target), margin)
             return image_pixels(image)[..., :3]
 
+        def kept(pixels: Array) -> Array:
+            return resampled(pixels, shape or size)
+
+        tiles = target.tiles.used
         emission.inputs["Color"].default_value = (1, 1, 1, 1)
-        coverage = bake(0)[..., 0]
+        coverage = {tile: kept(bake(tile, 0)[..., 0]) for tile in tiles}
         margin = max(8, max(size) // 32)
-        maps: dict[str, Array] = {}
+        maps: dict[str, dict[Tile, Array]] = {each: {} for each in identifiers}
         for group in _passes(sockets):
             _emit(tree, emission, group)
-            pixels = bake(margin)
-            if group[0].type == "RGBA":
-                maps[group[0].identifier] = pixels.copy()
-            else:
-                maps.update({s.identifier: pixels[..., i].copy() for i, s in enumerate(group)})
-        return maps, coverage
+            for tile in tiles:
+                pixels = bake(tile, margin)
+                if group[0].type == "RGBA":
+                    maps[group[0].identifier][tile] = kept(pixels)
+                else:
+                    for i, socket in enumerate(group):
+                        maps[socket.identifier][tile] = kept(pixels[..., i])
+        together = target.tiles.put_together
+        return {each: together(parts) for each, parts in maps.items()}, together(coverage)
 
 
 def _passes(sockets: Sequence[bpy.types.NodeSocket]) -> Iterator[list[bpy.types.NodeSocket]]:
@@ -103,14 +117,17 @@ def _emit(
     tree.links.new(combined.outputs["Vector"], emission.inputs["Color"])
 
 
-def _look_up_texels(tree: bpy.types.NodeTree, size: tuple[int, int]) -> None:
+def _look_up_texels(tree: bpy.types.NodeTree, size: tuple[int, int], tiles: Tiles) -> None:
     for node in tree.nodes:
         if node.type == "TEX_IMAGE":
             _unlink(tree, node.inputs["Vector"])
             node.projection = "FLAT"
-            node.extension = "EXTEND"
+            image = node.image
+            # Beside tiles, an image without any goes on as it does.
+            if tiles.are_one or (image and image.source == "TILED"):
+                node.extension = "EXTEND"
             # Baking samples a thousandth of a texel beside the centre.
-            same = node.image and tuple(node.image.size) == size[::-1]
+            same = image and image_sizes(image) == {size}
             node.interpolation = "Closest" if same else "Linear"
 
 
@@ -150,12 +167,15 @@ def _object(
         blank = bpy.data.materials.new("tvbrdf blank")
         stack.callback(bpy.data.materials.remove, blank)
         if target.obj is None:
-            mesh = _unit_square(target.uv_map)
+            mesh = _squares(target.uv_map, target.tiles)
             stack.callback(bpy.data.meshes.remove, mesh)
             mesh.materials.append(copy)
             obj = bpy.data.objects.new("tvbrdf bake", mesh)
         else:
             mesh = stack.enter_context(plain_mesh(target.obj))
+            if not target.tiles.are_one:
+                mesh = mesh.copy()
+                stack.callback(bpy.data.meshes.remove, mesh)
             obj = target.obj.copy()
             obj.data = mesh
         stack.callback(bpy.data.objects.remove, obj)
@@ -169,13 +189,33 @@ def _object(
         yield obj
 
 
-def _unit_square(uv_map: str) -> bpy.types.Mesh:
+def _squares(uv_map: str, tiles: Tiles) -> bpy.types.Mesh:
+    """A unit square for every tile, where it lies in UV space."""
     mesh = bpy.data.meshes.new("tvbrdf bake")
-    corners = ((0, 0), (1, 0), (1, 1), (0, 1))
-    mesh.from_pydata([(x, y, 0) for x, y in corners], [], [(0, 1, 2, 3)])
+    square = ((0, 0), (1, 0), (1, 1), (0, 1))
+    corners = [(u + x, v + y) for u, v in tiles.used for x, y in square]
+    faces = [range(first, first + 4) for first in range(0, len(corners), 4)]
+    mesh.from_pydata([(x, y, 0) for x, y in corners], [], faces)
     layer = mesh.uv_layers.new(name=uv_map)
     layer.data.foreach_set("uv", np.array(corners, np.float32).ravel())
     return mesh
+
+
+def _uv_map_of(tile: Tile, mesh: bpy.types.Mesh, target: Target) -> str:
+    """The UV map that has `tile` of the target's at 0 to 1, which is where bakes go."""
+    if tile == (0, 0):
+        return target.uv_map
+    layer = mesh.uv_layers.get(_TILE) or mesh.uv_layers.new(name=_TILE, do_init=False)
+    if layer is None:
+        raise MaterialError(
+            f"“{target.obj.name}” has as many UV maps as it can have, and tiles need another.",
+            "Remove one under Object Data > UV Maps.",
+        )
+    uv = np.empty(len(mesh.loops) * 2, np.float32)
+    mesh.uv_layers[target.uv_map].data.foreach_get("uv", uv)
+    layer.data.foreach_set("uv", (uv.reshape(-1, 2) - np.array(tile, np.float32)).ravel())
+    mesh.update()
+    return layer.name
 
 
 @contextmanager

@@ -12,7 +12,7 @@ import mathutils
 import numpy as np
 
 from .density import pixels_across
-from .space import Space
+from .space import Space, image_size
 from .trace import is_animated, resolve
 from .unwrap import active_uv_map, triangles
 
@@ -49,10 +49,12 @@ class _UnknownError(Exception):
 
 
 def own_size(space: Space) -> int | None:
-    """The longer side of the largest image that a material is made of; None without images."""
+    """The longer side of the largest image, or tile of one, that a material is made of; None
+    without images.
+    """
     if space.kind != "texture":
         return None
-    return max(max(node.image.size) for node in space.images) or None
+    return max(max(image_size(node.image)) for node in space.images) or None
 
 
 def all_the_cameras_see(

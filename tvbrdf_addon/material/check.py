@@ -76,11 +76,6 @@ def _why_not_sockets(
         for node, _ in upstream(socket):
             if node.type == "TEX_IMAGE" and node.image is None:
                 return f"The Image Texture “{node.name}” of {name} has no image: choose one."
-            if node.type == "TEX_IMAGE" and node.image.source == "TILED":
-                return (
-                    f"The image “{node.image.name}” of {name} has UDIM tiles, which cannot be "
-                    "aged: join them into one image."
-                )
     space = choose_space(principled, painted=is_painted(owner))
     textured = space.kind == "uniform" and material.tvbrdf.onset != "none"
     return why_no_uv(owner, obj) if space.reads_uv or textured else None

@@ -144,7 +144,8 @@ class Edit:
         node = self.layout.add("ShaderNodeTexImage", aged.name, column=column, row=self._rows)
         node.projection = sampling.projection
         node.projection_blend = sampling.projection_blend
-        node.extension = sampling.extension
+        # What lies beside all tiles is to show the nearest, not the farthest.
+        node.extension = sampling.extension if self._reading.tiles.are_one else "EXTEND"
         node.interpolation = sampling.interpolation
         node.image = self._image(aged.files[turn])
         frames = aged.stored[turn::2]
@@ -185,6 +186,14 @@ class Edit:
 
     def _lookup(self) -> bpy.types.NodeSocket | None:
         """What feeds the textures' Vector; None is the UV map that each object renders with."""
+        if self._vector is None:
+            self._vector = self._coordinates()
+            if not self._reading.tiles.are_one:
+                self._vector = self._among_tiles(self._vector or self._uv(""))
+        return self._vector
+
+    def _coordinates(self) -> bpy.types.NodeSocket | None:
+        """The same for textures that are not in tiles."""
         sampling, uv_map = self._reading.sampling, self._reading.uv_map
         if sampling.node is not None:
             node = self.tree.nodes.get(sampling.node)
@@ -199,11 +208,24 @@ class Edit:
             return found
         if uv_map is None or not _all_have(self.material, uv_map):
             return None
-        if self._vector is None:
-            node = self.layout.add("ShaderNodeUVMap", "UV", column=3, row=0)
-            node.uv_map = uv_map
-            self._vector = node.outputs["UV"]
-        return self._vector
+        return self._uv(uv_map)
+
+    def _uv(self, uv_map: str) -> bpy.types.NodeSocket:
+        """A UV map; with an empty name that which each object renders with."""
+        node = self.layout.add("ShaderNodeUVMap", "UV", column=3, row=0)
+        node.uv_map = uv_map
+        return node.outputs["UV"]
+
+    def _among_tiles(self, vector: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        """Coordinates in UDIM tiles as those in the one image that shows them all."""
+        tiles = self._reading.tiles
+        node = self.layout.add("ShaderNodeMapping", "Tiles", column=3, row=1)
+        size = tiles.columns, tiles.rows
+        shift = (-at / length for at, length in zip(tiles.corner, size, strict=True))
+        node.inputs["Location"].default_value = (*shift, 0)
+        node.inputs["Scale"].default_value = (*(1 / length for length in size), 1)
+        self.tree.links.new(vector, node.inputs["Vector"])
+        return node.outputs["Vector"]
 
     def _own(self, socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
         """A socket whose value may be set: this one unlinked, or a new node's that feeds it.

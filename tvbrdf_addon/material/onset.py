@@ -52,9 +52,7 @@ def why_no_onset(material: bpy.types.Material, scene: bpy.types.Scene) -> str | 
 def _why_no_image(image: bpy.types.Image | None) -> str | None:
     if image is None:
         return "No start image is chosen: choose one, or let ageing start in spots."
-    if image.source == "TILED":
-        return f"The start image “{image.name}” has UDIM tiles: join them into one image."
-    if image.source not in ("FILE", "GENERATED"):
+    if image.source not in ("FILE", "GENERATED", "TILED"):
         return f"The start image “{image.name}” is no still image: choose one that is."
     return None
 

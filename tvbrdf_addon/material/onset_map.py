@@ -15,6 +15,8 @@ from .bake import Target, bake_sockets
 from .onset import bearers, is_painted, showing, why_no_onset
 from .pixels import Array, in_file, luminance, write_exr
 from .read import Reading
+from .space import image_size
+from .tiles import Tiles
 from .trace import find_principled, input_socket
 from .unwrap import active_uv_map, check_unwrapped, overlaps, plain_mesh, triangles
 
@@ -62,9 +64,10 @@ def write_onset(
         values, warnings = _painted(material, scene, reading, frame)
     else:
         image, warnings = settings.onset_image, []
-        if not settings.onset_invert and _lies_on_disk(image):
+        as_it_is = reading.tiles.are_one and not settings.onset_invert
+        if as_it_is and _lies_on_disk(image):
             return Onset(_file_of(image), ())
-        shades = _shades(image)
+        shades = _shades(image, reading.tiles)
         _check(shades, settings.onset_invert, f"The start image “{image.name}”")
         values = _meant(shades, settings.onset_invert)
     write_exr(path, values)
@@ -82,13 +85,30 @@ def _lies_on_disk(image: bpy.types.Image) -> bool:
     return _file_of(image).is_file()
 
 
-def _shades(image: bpy.types.Image) -> Array:
-    if min(image.size) == 0:  # asking for the size loads it, if it can be
+def _shades(image: bpy.types.Image, tiles: Tiles) -> Array:
+    """What an image says, in the tiles in which it does, or in each the same if it has none."""
+    if min(image_size(image)) == 0:  # asking for the size loads it, if it can be
         raise MaterialError(
             f"The start image “{image.name}” cannot be loaded from {image.filepath or 'nowhere'}.",
             "Use File > External Data > Find Missing Files, or choose another image.",
         )
-    return luminance(in_file(image))
+    if image.source != "TILED":
+        shades = luminance(in_file(image))
+        return tiles.put_together(dict.fromkeys(tiles.used, shades))
+    if lacking := tiles.not_in(image):
+        raise MaterialError(
+            f"The start image “{image.name}” has no tile {', '.join(lacking)}.",
+            "Add it in the Image Editor under Sidebar > Image > UDIM Tiles.",
+        )
+    with _emitter("ShaderNodeTexImage") as (material, node):
+        node.image = image.copy()
+        try:
+            node.image.colorspace_settings.name = "Non-Color"
+            target = Target(material, tiles=tiles)
+            maps, _ = bake_sockets(material, ["Metallic"], target, size=image_size(image), frame=1)
+        finally:
+            bpy.data.images.remove(node.image)
+    return maps["Metallic"]
 
 
 def _check(values: Array, invert: bool, whose: str) -> None:
@@ -115,7 +135,9 @@ def _painted(
     reaches it.  Where nothing was painted it is 1: nothing ages there before the end.
     """
     name, invert = material.tvbrdf.onset_attribute, material.tvbrdf.onset_invert
+    tiles = reading.tiles
     size = (reading.textures.pixels,) * 2 if reading.uniform else reading.size
+    tile = size[0] // tiles.rows, size[1] // tiles.columns
     onset = np.ones(size, np.float32)
     covered, reached = np.zeros(size, bool), np.zeros(size, bool)
     warnings = _left_out(material, scene, name)
@@ -123,18 +145,19 @@ def _painted(
         uv_map = _uv_map(obj, showing(material, scene), reading)
         if not _has_faces(obj, material, uv_map):
             continue
-        check_unwrapped(obj, material, uv_map, max(size))
+        if tiles.are_one:
+            check_unwrapped(obj, material, uv_map, max(size))
         # Before the bake, which makes nothing of what is negative.
         whose = f"The color attribute “{name}” of “{obj.name}”"
         _check(_attribute(obj, name), invert, whose)
-        baked = _bake(Target(material, obj, uv_map), name, size, frame)
+        baked = _bake(Target(material, obj, uv_map, tiles), name, tile, frame)
         taken = (baked.reach & ~reached) | (baked.inside & ~covered)
         if np.count_nonzero(baked.inside & covered) > _SHARED * np.count_nonzero(baked.inside):
             warnings.append(
                 f"“{obj.name}” shares UVs with another object: what is painted there on the other "
                 "counts for both."
             )
-        elif overlaps(obj, material, uv_map, baked.inside):
+        elif overlaps(obj, material, uv_map, baked.inside, tiles.rows * tiles.columns):
             warnings.append(
                 f"Faces of “{obj.name}” overlap in the UV map “{uv_map}” and will share one "
                 "texture."
@@ -197,7 +220,8 @@ def _attribute(obj: bpy.types.Object, name: str) -> Array:
 
 
 def _bake(target: Target, attribute: str, size: tuple[int, int], frame: int) -> _Bake:
-    with _emitter(attribute) as emitter:
+    with _emitter("ShaderNodeVertexColor") as (emitter, node):
+        node.layer_name = attribute
         # Both numbers, so that one bake makes them.  Roughness is 1 as far as the margin reaches.
         maps, coverage = bake_sockets(
             emitter, ["Metallic", "Roughness"], target, size=size, frame=frame
@@ -206,20 +230,21 @@ def _bake(target: Target, attribute: str, size: tuple[int, int], frame: int) -> 
 
 
 @contextmanager
-def _emitter(attribute: str) -> Iterator[bpy.types.Material]:
-    """A passing material whose Metallic is the attribute and whose Roughness is a node's 1."""
+def _emitter(kind: str) -> Iterator[tuple[bpy.types.Material, bpy.types.Node]]:
+    """A passing material whose Metallic is the colour of a node, given too, and whose Roughness is
+    another one's 1.
+    """
     material = bpy.data.materials.new("tvbrdf onset")
     try:
         if bpy.app.version < (5, 0):
             material.use_nodes = True
         tree = material.node_tree
         _, principled = find_principled(material)
-        color = tree.nodes.new("ShaderNodeVertexColor")
-        color.layer_name = attribute
+        color = tree.nodes.new(kind)
         tree.links.new(color.outputs["Color"], input_socket(principled, "Metallic"))
         one = tree.nodes.new("ShaderNodeValue")
         one.outputs[0].default_value = 1.0
         tree.links.new(one.outputs[0], input_socket(principled, "Roughness"))
-        yield material
+        yield material, color
     finally:
         bpy.data.materials.remove(material)

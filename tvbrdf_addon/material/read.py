@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,15 +16,18 @@ from ..properties import frame_range
 from .bake import Target, bake_sockets
 from .cameras import FULL, TextureSize, all_the_cameras_see
 from .check import why_not
-from .onset import is_painted
+from .onset import is_painted, showing
 from .ownership import user_count
 from .pixels import Array, linear_color, luminance, resampled, write_exr
 from .revert import revert
-from .space import Sampling, Space, choose_space, is_constant, is_direct
+from .space import Sampling, Space, choose_space, image_size, is_constant, is_direct
+from .tiles import Tiles, tiles_of
 from .trace import SOCKETS, find_principled, input_socket, is_animated, resolve, upstream
 from .unwrap import active_uv_map, check_unwrapped, overlaps
 
 __all__ = ("Reading", "read")
+
+_LARGEST = 16384  # pixels a side that the worker takes, and most GPUs
 
 _VIEW_NODES = ("FRESNEL", "LAYER_WEIGHT", "CAMERA", "LIGHT_PATH", "SHADERTORGB")
 _VIEW_OUTPUTS = ("Incoming", "Camera", "Window", "Reflection", "Parametric", "Backfacing")
@@ -33,7 +37,8 @@ _VIEW_OUTPUTS = ("Incoming", "Camera", "Window", "Reflection", "Parametric", "Ba
 class Reading:
     """What was read.  `size` is (height, width), (1, 1) where every map is one texel.
 
-    `textures` is the size of what is made of the maps, textures also where they are one texel.
+    `textures` is the size of what is made of the maps (of each of their `tiles`), textures also
+    where they are one texel.
     `uv_map` names the UV map that the maps were baked to (None: they are not in UV space), and
     `sampling` says how textures made from them are looked up.  `warnings` are sentences.
     """
@@ -44,6 +49,7 @@ class Reading:
     uv_map: str | None
     warnings: tuple[str, ...]
     sampling: Sampling = field(default_factory=Sampling)
+    tiles: Tiles = field(default_factory=Tiles)
 
 
 def read(
@@ -58,9 +64,10 @@ def read(
     """Writes `BaseColor.exr`, `Metallic.exr`, ... (float, linear; 1 x 1 where constant).
 
     `folder` must exist.  `size` is the longer side in pixels of what has to be baked, images keep
-    theirs; None makes all as large as the cameras see, and no image larger.  What is animated is
-    read at `frame`, by default the first of the material's range.  A material that is already aged
-    is read as it was before.  Raises `MaterialError`.
+    theirs; None makes all as large as the cameras see, and no image larger.  Of images with UDIM
+    tiles each tile has that size; the maps show all that are needed, side by side.  What is
+    animated is read at `frame`, by default the first of the material's range.  A material that is
+    already aged is read as it was before.  Raises `MaterialError`.
     """
     frames = frame_range(material, scene)
     frame = frames[0] if frame is None else frame
@@ -95,10 +102,23 @@ def read(
             textures = all_the_cameras_see(material, space, scene, frames, depsgraph=depsgraph)
         else:
             textures = TextureSize(size, "")
+        users = [obj] if space.kind == "uv" else showing(material, scene)
+        tiles = tiles_of(principled, space, material, users)
         whole = _whole(space, direct, max(textures.pixels, FULL) if size is None else size)
-        shape = whole if size is not None else _shrunk(whole, textures.pixels)
+        wanted = whole if size is not None else _shrunk(whole, textures.pixels)
+        shape = _shrunk(wanted, _LARGEST // max(tiles.rows, tiles.columns))
+        if shape != wanted:
+            warnings.append(
+                f"The textures of “{material.name}” are made {max(shape)} px large instead of "
+                f"{max(wanted)}: one image, of all UDIM tiles, has at most {_LARGEST} px a side."
+            )
+        if tiles.lacking:
+            warnings.append(
+                f"Faces of “{material.name}” lie where its images have no tile "
+                f"({', '.join(tiles.lacking)}); there they will show what is next to them."
+            )
         for name, socket in sockets.items():
-            if name not in maps and direct and is_direct(socket):
+            if name not in maps and direct and is_direct(socket) and tiles.are_one:
                 pixels = _image_map(socket)
                 if pixels is not None:
                     maps[name] = resampled(pixels, shape)
@@ -106,11 +126,14 @@ def read(
         sampling = Sampling.of(space.images[0]) if space.kind == "texture" else Sampling()
         uv_map = active_uv_map(obj.data) if space.kind == "uv" else None
         if rest:
-            warnings += _bake(maps, rest, copy, material, obj, uv_map, whole, frame)
-            maps |= {name: resampled(maps[name], shape) for name in rest}
+            target = Target(material, tiles=tiles)
+            if uv_map is not None:
+                target = Target(material, obj, uv_map, tiles)
+            warnings += _bake(maps, rest, copy, target, whole, shape, frame)
     for name, pixels in maps.items():
         write_exr(folder / f"{name}.exr", _bounded(name, pixels))
-    return Reading(shape, textures, uniform, uv_map, tuple(warnings), sampling)
+    size_of_maps = (1, 1) if uniform else tiles.whole(shape)
+    return Reading(size_of_maps, textures, uniform, uv_map, tuple(warnings), sampling, tiles)
 
 
 @contextmanager
@@ -129,7 +152,8 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
 
 
 def _whole(space: Space, direct: list[bpy.types.ShaderNodeTexImage], size: int) -> tuple[int, int]:
-    """The size at which nothing is lost: that of the largest image, read as it is if there is one.
+    """The size at which nothing is lost: that of the largest image, read as it is if there is one,
+    or the largest tile.
 
     Where no image sets it, `size`.
     """
@@ -137,9 +161,8 @@ def _whole(space: Space, direct: list[bpy.types.ShaderNodeTexImage], size: int) 
         return (1, 1)
     if space.kind == "uv":
         return (size, size)
-    sizes = [tuple(node.image.size) for node in direct or space.images]
-    width, height = max(sizes, key=lambda each: each[0] * each[1])
-    return height, width
+    tiled = [node for node in space.images if node.image.source == "TILED"]
+    return max((image_size(node.image) for node in direct + tiled or space.images), key=math.prod)
 
 
 def _shrunk(whole: tuple[int, int], longer: int) -> tuple[int, int]:
@@ -199,30 +222,30 @@ def _bake(
     maps: dict[str, Array],
     names: list[str],
     copy: bpy.types.Material,
-    material: bpy.types.Material,
-    obj: bpy.types.Object | None,
-    uv_map: str | None,
+    target: Target,
+    size: tuple[int, int],
     shape: tuple[int, int],
     frame: int,
 ) -> list[str]:
-    """Adds baked maps to `maps`; returns warnings."""
+    """Adds maps, each tile baked at `size` and made as large as `shape`; returns warnings."""
     identifiers = {SOCKETS[name]: name for name in names}
-    target = Target(material)
-    if uv_map is not None:
-        check_unwrapped(obj, material, uv_map, max(shape))
-        target = Target(material, obj, uv_map)
-    baked, coverage = bake_sockets(copy, list(identifiers), target, size=shape, frame=frame)
+    material, obj, tiles = target.material, target.obj, target.tiles
+    if obj is not None and tiles.are_one:
+        check_unwrapped(obj, material, target.uv_map, max(size))
+    baked, coverage = bake_sockets(
+        copy, list(identifiers), target, size=size, frame=frame, shape=shape
+    )
     maps |= {identifiers[each]: pixels for each, pixels in baked.items()}
     warnings = []
-    if uv_map is not None:
+    if obj is not None:
         if not coverage.any():
             raise MaterialError(
                 f"No face of “{obj.name}” shows “{material.name}”.",
                 "Assign the material to some faces, or select another object.",
             )
-        if overlaps(obj, material, uv_map, coverage):
+        if overlaps(obj, material, target.uv_map, coverage, tiles.rows * tiles.columns):
             warnings.append(
-                f"Faces of “{obj.name}” overlap in the UV map “{uv_map}” and will share one "
+                f"Faces of “{obj.name}” overlap in the UV map “{target.uv_map}” and will share one "
                 "texture."
             )
         others = [
@@ -274,7 +297,7 @@ def _check_images(socket: bpy.types.NodeSocket) -> None:
         if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or node.image is None:
             continue
         image = node.image
-        if min(image.size) == 0:  # asking for the size loads it, if it can be
+        if min(image_size(image)) == 0:  # asking for the size loads it, if it can be
             raise MaterialError(
                 f"The image “{image.name}” cannot be loaded from {image.filepath or 'nowhere'}.",
                 "Use File > External Data > Find Missing Files, or choose another image.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,7 +10,15 @@ import bpy
 
 from .trace import POINTWISE, SOCKETS, input_socket, resolve, signature, upstream
 
-__all__ = ("Sampling", "Space", "choose_space", "is_constant", "is_direct")
+__all__ = (
+    "Sampling",
+    "Space",
+    "choose_space",
+    "image_size",
+    "image_sizes",
+    "is_constant",
+    "is_direct",
+)
 
 _LINEAR = ("Non-Color", "Raw", "Linear", "Linear Rec.709")
 
@@ -86,6 +95,19 @@ def choose_space(principled: bpy.types.Node, *, painted: bool = False) -> Space:
     if painted and not _is_on_the_uv_map(nodes[0]):
         return Space("uv")
     return Space("texture", nodes)
+
+
+def image_sizes(image: bpy.types.Image) -> set[tuple[int, int]]:
+    """The sizes (height, width) of an image's tiles, of which most have one; without those that
+    cannot be loaded.
+    """
+    of = image.tiles if image.source == "TILED" else (image,)
+    return {(each.size[1], each.size[0]) for each in of if min(each.size) > 0}
+
+
+def image_size(image: bpy.types.Image) -> tuple[int, int]:
+    """The size (height, width) of an image, or its largest tile; 0 where it cannot be loaded."""
+    return max(image_sizes(image), key=math.prod, default=(0, 0))
 
 
 def is_constant(socket: bpy.types.NodeSocket) -> bool:

@@ -43,9 +43,14 @@ def check_unwrapped(
 
 
 def overlaps(
-    obj: bpy.types.Object, material: bpy.types.Material, uv_map: str, coverage: Array
+    obj: bpy.types.Object,
+    material: bpy.types.Material,
+    uv_map: str,
+    coverage: Array,
+    tiles: int = 1,
 ) -> bool:
-    """Whether the material's faces cover more of the square than they leave marked in `coverage`.
+    """Whether the material's faces cover more of UV space than they leave marked in `coverage`,
+    which shows so many `tiles` of it.
 
     A tenth is allowed for the texels that borders cut.
     """
@@ -53,7 +58,7 @@ def overlaps(
         _, uv = triangles(obj, mesh, material, uv_map)
     (x1, y1), (x2, y2) = (np.moveaxis(uv[:, i] - uv[:, 0], -1, 0) for i in (1, 2))
     area = np.abs(x1 * y2 - x2 * y1) / 2
-    return bool(area.sum() > 1.1 * np.count_nonzero(coverage) / coverage.size + 1e-3)
+    return bool(area.sum() > 1.1 * tiles * np.count_nonzero(coverage) / coverage.size + 1e-3)
 
 
 @contextmanager
