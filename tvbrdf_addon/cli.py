@@ -185,7 +185,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
     parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
     parser.add_argument(
-        "--size", type=_size, metavar="auto|PX", help="longer side (of a UDIM tile); auto: what the cameras see"
+        "--size",
+        type=_size,
+        metavar="auto|PX",
+        help="longer side, of each UDIM tile; auto: what the cameras see",
     )
     parser.add_argument("--tolerance", type=_decibels, metavar="DB", help="10 to 100 dB (45)")
     parser.add_argument(
