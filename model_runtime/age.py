@@ -29,6 +29,7 @@ from .modelling import EFFORTS, Effort, model_texels
 from .onset import onset_map, rate_map
 from .package import ENCODER, find_model
 from .representation import load_representation
+from .representation.estimator import load_estimator
 from .result import StagedResult, check_space
 from .savings import savings
 from .temporal.domain import FOREIGN_SHARE
@@ -125,6 +126,7 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
     with run.timed("read"):
         ntm_path = find_model(request.ntm)
         representation, identity = load_representation()
+        estimator = load_estimator(identity)
         ntm = NeuralTemporalModel.load(ntm_path, identity)
         for doubt in ntm.warnings:
             run.warn(f"Of what {ntm.card.title} was learned from: {doubt}")
@@ -144,6 +146,7 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
             rung,
             representation,
             effort,
+            estimator=estimator,
             onset=None if onset is None else torch.from_numpy(onset.reshape(-1)),
             rate=None if rate is None else torch.from_numpy(rate.reshape(-1)),
             tolerance=request.tolerance,

@@ -14,6 +14,7 @@ from .brdf.measured import MeasuredBRDF
 from .brdf.torrance_sparrow import evaluate
 from .fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from .plan import clamp_parameters
+from .representation.estimator import ParameterEstimator
 from .representation.latents import Latents, Representation
 from .temporal.ntm import NeuralTemporalModel
 
@@ -53,7 +54,7 @@ def roll_out(
     representation: Representation,
     *,
     samples: int | None = None,
-    fit: FitEffort = USUAL,
+    fit: FitEffort | ParameterEstimator = USUAL,
     specular: Literal["rgb", "mono"] = "rgb",
     measured: MeasuredBRDF | None = None,
     device: torch.device = CPU,
@@ -63,14 +64,16 @@ def roll_out(
 
     Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
     `samples` directions of them where that is given (`measured`, then the only entry, always is
-    sampled), rolled out, decoded and fitted with the effort `fit` at every age: on `device`, for
-    that is what takes time. `step` hears which share is done.
+    sampled), rolled out, decoded and fitted with the effort `fit` at every age, or told by an
+    estimator: on `device`, for that is what takes time. `step` hears which share is done.
     """
     model, decoder = ntm.rung(rung), representation
     if rung == "lstm_latents" and device != CPU:
         model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation)
         assert isinstance(decoder, torch.nn.Module)
         decoder.to(device)
+        if isinstance(fit, ParameterEstimator):
+            fit = deepcopy(fit).to(device)
     parts, errors = [], [0.0]
     for start, stop in _chunks(len(entries)):
         chunk = entries[start:stop]
@@ -83,7 +86,7 @@ def roll_out(
         else:
             states = model.rollout(chunk, ntm.frames)
             if specular == "mono":
-                states[..., 3:6] = states[..., 3:6].mean(-1, keepdim=True)
+                states = _mono(states)
         parts.append(_bounded(clamp_parameters(states), chunk))
         step(stop / len(entries))
     return Histories(torch.cat(parts), max(errors))
@@ -129,12 +132,22 @@ def _decode_and_fit(
     flat: Tensor,
     representation: Representation,
     specular: Literal["rgb", "mono"],
-    effort: FitEffort,
+    fit: FitEffort | ParameterEstimator,
 ) -> tuple[Tensor, Tensor]:
     """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error [] of the
-    fit.
+    fit, 0 where nothing was fitted.
     """
+    rolled = latents.unflat(flat)
+    if isinstance(fit, ParameterEstimator):
+        states = fit.parameters_of(rolled).unflatten(0, flat.shape[:2])
+        return _mono(states) if specular == "mono" else states, torch.zeros(())
     angles = fit_angles().to(flat.device)
-    decoded = representation.decode(latents.unflat(flat), angles)
-    fit = fit_torrance_sparrow(decoded, angles, specular=specular, effort=effort)
-    return fit.parameters().unflatten(0, flat.shape[:2]), fit.error.max()
+    decoded = representation.decode(rolled, angles)
+    found = fit_torrance_sparrow(decoded, angles, specular=specular, effort=fit)
+    return found.parameters().unflatten(0, flat.shape[:2]), found.error.max()
+
+
+def _mono(states: Tensor) -> Tensor:
+    """States [..., 7] with one Ks for all channels."""
+    ks = states[..., 3:6].mean(-1, keepdim=True).expand_as(states[..., 3:6])
+    return torch.cat((states[..., :3], ks, states[..., 6:]), -1)

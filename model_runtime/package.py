@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = (
     "ENCODER",
+    "ESTIMATOR",
     "FORMAT_VERSION",
     "MODELS",
     "ModelCard",
@@ -36,8 +37,13 @@ __all__ = (
 FORMAT_VERSION = 1
 MODELS = Path(__file__).parent / "models"
 ENCODER = MODELS / "encoder.safetensors"
+ESTIMATOR = MODELS / "encoder.estimator.safetensors"
 
-_FORMATS = {"encoder": "tvbrdf-encoder", "ntm": "tvbrdf-ntm"}
+_FORMATS = {
+    "encoder": "tvbrdf-encoder",
+    "estimator": "tvbrdf-estimator",
+    "ntm": "tvbrdf-ntm",
+}
 _MAX_HEADER = 1 << 20
 _MAX_FILE = 1 << 28
 _NO_CARD = (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError)
@@ -45,8 +51,8 @@ _NO_CARD = (KeyError, TypeError, ValueError, IndexError, OverflowError, Recursio
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What a model file says of itself. `kind` is "encoder" or "ntm"; `details` is the whole
-    card.
+    """What a model file says of itself. `kind` is "encoder", "estimator" or "ntm"; `details` is
+    the whole card.
     """
 
     path: Path
@@ -188,9 +194,7 @@ def hash_tensors(tensors: Mapping[str, Tensor]) -> str:
 
 
 def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
-    """Tensors and card of the model file at `path`, which must be an "encoder" or "ntm"
-    (`kind`).
-    """
+    """Tensors and card of the model file at `path`, which must be of `kind`."""
     import safetensors
     import torch
     from safetensors.torch import load_file

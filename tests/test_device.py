@@ -10,9 +10,11 @@ import pytest
 import torch
 
 from model_runtime import histories, modelling
+from model_runtime.fit import USUAL
 from model_runtime.modelling import EFFORTS, model_texels
 from model_runtime.package import find_model
 from model_runtime.representation import load_representation
+from model_runtime.representation.estimator import ParameterEstimator
 from model_runtime.representation.latents import Representation
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
@@ -28,11 +30,13 @@ def models() -> Models:
     return NeuralTemporalModel.load(find_model("rust"), identity), representation
 
 
-def test_all_that_a_device_is_asked_for_stays_on_it(models: Models):
+@pytest.mark.parametrize("fitted", [True, False])
+def test_all_that_a_device_is_asked_for_stays_on_it(models: Models, fitted: bool):
     """What fails in the end is to bring back the values, which "meta" does not have."""
     ntm, representation = models
+    fit = USUAL if fitted else ParameterEstimator()
     with torch.inference_mode(), pytest.raises(NotImplementedError, match="meta tensor; no data"):
-        histories.roll_out(STATES, ntm, "lstm_latents", representation, device=META)
+        histories.roll_out(STATES, ntm, "lstm_latents", representation, fit=fit, device=META)
 
 
 @pytest.mark.parametrize("rung", ["affine", "lstm_parameters"])

@@ -10,11 +10,12 @@ import torch
 
 from model_runtime.age import AgeRequest, age
 from model_runtime.brdf.torrance_sparrow import evaluate
-from model_runtime.fit import FitEffort, fit_angles, fit_torrance_sparrow
+from model_runtime.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from model_runtime.modelling import EFFORTS, Effort, model_texels
 from model_runtime.package import find_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
+from model_runtime.representation.estimator import load_estimator
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from tests.ageing import Listener, contents, run
 
@@ -25,6 +26,11 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 def rust():
     representation, encoder = load_representation()
     return NeuralTemporalModel.load(find_model("rust"), encoder), representation
+
+
+@pytest.fixture(scope="module")
+def estimator():
+    return load_estimator(load_representation()[1])
 
 
 def texels(n: int) -> torch.Tensor:
@@ -89,6 +95,58 @@ def test_a_cheaper_fit_is_still_a_fit(effort: FitEffort, most: float):
     kd, ks, alpha = texels(20).split((3, 3, 1), 1)
     fit = fit_torrance_sparrow(evaluate(kd, ks, alpha[:, 0], fit_angles()), effort=effort)
     assert float((fit.alpha / alpha[:, 0] - 1).abs().max()) < most
+
+
+class TestEstimator:
+    """In place of the fit, where latents are rolled out."""
+
+    @staticmethod
+    def modelled(rust, estimator, effort: Effort, **options):
+        ntm, representation = rust
+        return model_texels(
+            texels(40), ntm, "lstm_latents", representation, effort, estimator=estimator, **options
+        )
+
+    def test_without_a_fit_it_is_asked_and_near_to_it(self, rust, estimator):
+        draft = EFFORTS["draft"]
+        fitted = self.modelled(rust, estimator, replace(draft, fit=USUAL))
+        told = self.modelled(rust, estimator, draft)
+        assert not torch.equal(fitted.histories.states, told.histories.states)
+        assert appearance_psnr(fitted.at(0.7), told.at(0.7)) > 35
+        assert torch.equal(
+            self.modelled(rust, None, draft).histories.states, fitted.histories.states
+        )
+
+    def test_where_it_misses_the_tolerance_there_is_a_fit(self, rust, estimator):
+        balanced = EFFORTS["balanced"]
+        fitted = self.modelled(rust, estimator, replace(balanced, fit=USUAL), tolerance=20)
+        for tolerance, equal in ((20, False), (90, True)):
+            told = self.modelled(rust, estimator, balanced, tolerance=tolerance)
+            same = torch.equal(fitted.histories.states[:, -1], told.histories.states[:, -1])
+            assert same == equal, tolerance
+
+    def test_one_material_all_over_is_fitted(self, rust, estimator):
+        ntm, representation = rust
+        initial = texels(1).expand(5, 7)
+        told, fitted = (
+            model_texels(
+                initial, ntm, "lstm_latents", representation, EFFORTS["balanced"], estimator=each
+            )
+            for each in (estimator, None)
+        )
+        assert torch.equal(told.histories.states, fitted.histories.states)
+
+    def test_one_specular_colour(self, rust, estimator):
+        told = self.modelled(rust, estimator, EFFORTS["draft"], specular="mono")
+        ks = told.histories.states[..., 3:6]
+        assert torch.equal(ks, ks[..., :1].expand_as(ks))
+
+    def test_exact_does_not_ask_it(self, rust, estimator):
+        exact = replace(EFFORTS["exact"], samples=None)
+        assert torch.equal(
+            self.modelled(rust, estimator, exact).histories.states,
+            self.modelled(rust, None, exact).histories.states,
+        )
 
 
 def test_a_foreign_material_is_given_the_affine_rung(rust):

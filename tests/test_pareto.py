@@ -32,7 +32,7 @@ MATERIAL = "PaintedMetal004"
 TINY = Effort(NTMConfig(iterations=2, batch=8), 24, NTMConfig(iterations=2, batch=8), 2)
 MEASURED = (
     *("draft", "balanced", "affine", "every 3rd frame", "aged every 3rd frame", "sparse"),
-    *("size / 2", "uncompressed", "latents", "latents, m = 258"),
+    *("size / 2", "uncompressed", "latents", "latents, m = 258", "latents, fitted"),
 )
 
 

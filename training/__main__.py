@@ -1,4 +1,4 @@
-"""`python -m training encoder | ntm | weathering | evaluate`."""
+"""`python -m training encoder | estimator | ntm | weathering | evaluate`."""
 
 from __future__ import annotations
 
@@ -38,6 +38,23 @@ def encoder(
     _check_minutes(minutes)
 
     train_encoder(config=config, output=output, resume=resume, minutes=minutes, seed=seed)
+
+
+@app.command
+def estimator(encoder: Path, output: Path, minutes: float = 10.0, seed: int = 0) -> None:
+    """Train the network that tells parameters from latents where a fit would take too long.
+
+    Args:
+        encoder: the encoder of the latents.
+        output: the .safetensors file to write.
+        minutes: train about so many minutes of one core, after two for the fits that it learns.
+        seed: of all random numbers.
+    """
+    from .estimator import train_estimator
+
+    _check_minutes(minutes)
+
+    train_estimator(encoder=encoder, output=output, minutes=minutes, seed=seed)
 
 
 @app.command

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from ..brdf.half_angle import above_horizon, cosines, network_input
 from .latents import Latents
 
-__all__ = ("TRUSTED_COSINE", "LobeConfig", "LobeRepresentation", "compress", "expand")
+__all__ = ("TRUSTED_COSINE", "LobeConfig", "LobeRepresentation", "compress", "expand", "mlp")
 
 FLOOR = 0.01
 """Reflectance (1/sr) below which differences stop mattering: a hundredth is a near-black diffuse.
@@ -55,7 +55,8 @@ class LobeConfig:
     rank: int = 96
 
 
-def _mlp(*sizes: int) -> nn.Sequential:
+def mlp(*sizes: int) -> nn.Sequential:
+    """Linear layers between vectors of these sizes, with SiLU between them."""
     layers: list[nn.Module] = []
     for i, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
         layers += [nn.SiLU()] * (i > 0) + [nn.Linear(inputs, outputs)]
@@ -109,15 +110,15 @@ class LobeRepresentation(nn.Module):
         near = torch.cdist(place, place).fill_diagonal_(math.inf).argsort(1)[:, :8]
         self.register_buffer("encoder_angles", angles, persistent=False)
         self.register_buffer("neighbours", near, persistent=False)
-        self.per_channel = _mlp(2 * len(self.encoder_angles), width, width)
-        self.to_shared = _mlp(2 * width, width, d)
-        self.to_color = _mlp(width + d, width // 2, k)
-        self.to_shapes = _mlp(d + k, width // 2, 2 * lobes)
-        self.to_weights = _mlp(2 * k + d, width, width, 2 + 2 * lobes + config.rank)
-        self.basis = _mlp(8, 128, 128, config.rank)
-        self.from_channel = _mlp(3, width, width)
-        self.from_pooled = _mlp(2 * width, width, d)
-        self.from_each = _mlp(width + d, width, k)
+        self.per_channel = mlp(2 * len(self.encoder_angles), width, width)
+        self.to_shared = mlp(2 * width, width, d)
+        self.to_color = mlp(width + d, width // 2, k)
+        self.to_shapes = mlp(d + k, width // 2, 2 * lobes)
+        self.to_weights = mlp(2 * k + d, width, width, 2 + 2 * lobes + config.rank)
+        self.basis = mlp(8, 128, 128, config.rank)
+        self.from_channel = mlp(3, width, width)
+        self.from_pooled = mlp(2 * width, width, d)
+        self.from_each = mlp(width + d, width, k)
         last_shapes, last_weights = self.to_shapes[-1], self.to_weights[-1]
         assert isinstance(last_shapes, nn.Linear)
         assert isinstance(last_weights, nn.Linear)

@@ -104,15 +104,21 @@ def figures(
             extrapolated=True,
         )
     )
-    cheapest = _cheapest_as_good(points, paper)
-    if cheapest is not None and paper is not None and cheapest.truth and paper.truth:
-        factor = paper.truth.seconds / cheapest.truth.seconds
+    quick = (
+        (points.get("latents, every texel"), "every texel in latents, estimated instead of fitted"),
+        (_cheapest_as_good(points, paper), "cheapest setting with the paper's PSNR"),
+    )
+    for point, name in quick:
+        if point is None or paper is None or not (point.truth and paper.truth):
+            continue
+        factor = paper.truth.seconds / point.truth.seconds
         found.append(
             Figure(
-                "cheapest setting with the paper's PSNR against the truth",
-                ">= 1,000 x the paper's pipeline",
-                f"{cheapest.name}: {factor:,.0f} x faster, {cheapest.truth_mean:.1f} dB",
-                factor >= 1000,
+                name,
+                ">= 1,000 x the paper's pipeline at its PSNR",
+                f"{point.name}: {factor:,.0f} x faster at {point.truth_mean:.1f} dB against the"
+                f" truth, the paper's {paper.truth_mean:.1f}",
+                factor >= 1000 and (point.truth_mean or 0) >= (paper.truth_mean or 0),
                 extrapolated=True,
             )
         )
@@ -149,9 +155,11 @@ def figures(
 def savings(points: Mapping[str, Point], probes: Probes) -> list[Saving]:
     """Each with and without, all else being as in `balanced` (or in the setting `latents`)."""
 
+    fitted = "latents, fitted"
     found = [
         Saving("palette, modelling", "core s", *_models(points, "exact", "balanced")),
-        Saving("palette, modelling latents", "core s", *_models(points, "latents exact", LATENTS)),
+        Saving("palette, modelling latents", "core s", *_models(points, "latents exact", fitted)),
+        Saving("estimator", "core s", *_models(points, fitted, LATENTS)),
         Saving("encoder's short cut", "core s", *_models(points, "latents, m = 258", LATENTS)),
     ]
     for name, without, with_it in (

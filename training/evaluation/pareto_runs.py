@@ -15,7 +15,7 @@ import numpy as np
 
 from model_runtime.age import AgeRequest, age
 from model_runtime.images import Compression, read_image
-from model_runtime.package import ENCODER, find_model
+from model_runtime.package import ENCODER, ESTIMATOR, find_model
 from model_runtime.result import StagedResult
 
 from ..kept import identity
@@ -54,8 +54,9 @@ class Run:
 
 
 def bundled(ntm: str) -> str:
-    """What identifies the bundled model `ntm` and the encoder."""
-    return identity(*(path.read_bytes().hex() for path in (find_model(ntm), ENCODER)))
+    """What identifies the bundled model `ntm`, the encoder and the estimator."""
+    files = find_model(ntm), ENCODER, ESTIMATOR
+    return identity(*(path.read_bytes().hex() for path in files))
 
 
 def kept_json(path: Path, made_from: str, make: Callable[[], Any]) -> Any:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import torch
 
-from model_runtime.fit import FitEffort
+from model_runtime.fit import USUAL, FitEffort
 from model_runtime.modelling import EFFORTS, Effort
 
 __all__ = ("LATENTS", "PANELS", "SETTINGS", "Panel", "Setting", "setting")
@@ -73,6 +73,8 @@ SETTINGS = (
     _latents("latents, palette 0.12", "palette", step=0.12, checked=False),
     _latents("latents, m = 16", "samples", samples=16),
     _latents("latents, m = 258", "samples", samples=258),
+    _latents("latents, every texel", "palette", step=0.0, most=0, checked=False),
+    _latents("latents, fitted", "fit", fit=USUAL),
     _latents("latents, 10 alphas", "fit", fit=FitEffort(candidates=10)),
     _latents("latents, 2 refinements", "fit", fit=FitEffort(refinements=2)),
     _latents("latents, no refinement", "fit", fit=FitEffort(refinements=0)),

@@ -13,7 +13,10 @@ from torch import Tensor
 
 from model_runtime.brdf.torrance_sparrow import evaluate
 from model_runtime.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.inputs import hash_file
 from model_runtime.modelling import Effort, model_texels
+from model_runtime.package import ESTIMATOR
+from model_runtime.representation.estimator import ParameterEstimator, load_estimator
 from model_runtime.representation.latents import Representation
 from model_runtime.temporal.models import LatentLSTM
 
@@ -79,7 +82,13 @@ class Truth:
             start = stage.start[stage.texels[pixels]] if dear else stage.start
             clock = time.process_time()
             aged = model_texels(
-                start, method.ntm, used, method.representation, effort, tolerance=45.0
+                start,
+                method.ntm,
+                used,
+                method.representation,
+                effort,
+                estimator=self._estimator,
+                tolerance=45.0,
             )
             frames = list(range(1, stage.frames))
             states = torch.stack([aged.at(frame / (stage.frames - 1)) for frame in frames])
@@ -121,7 +130,7 @@ class Truth:
     ) -> TruthRun:
         look = f"{what} {self.pixels} {self.stride} {self.teaching}"
         encoders = (encoder for _, encoder in self._models.encoders.values())
-        made_from = identity(look, *encoders, *self._described)
+        made_from = identity(look, *encoders, hash_file(ESTIMATOR), *self._described)
 
         def make() -> dict[str, object]:
             found = [one(stage) for stage in self._stages]
@@ -149,6 +158,10 @@ class Truth:
     def _models(self) -> Models:
         school = School(self.kept, self.teaching)
         return load_models(("ours", *RIVALS), school, weights=self.weights)
+
+    @cached_property
+    def _estimator(self) -> ParameterEstimator:
+        return load_estimator(self._models.encoders["ours"][1])
 
     @cached_property
     def _stages(self) -> list[Stage]:

@@ -1,0 +1,123 @@
+"""Training of the estimator of fitted parameters: `python -m training estimator`."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from model_runtime.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.package import save_model
+from model_runtime.plan import viewed
+from model_runtime.representation import Trained, load_representation
+from model_runtime.representation.estimator import ParameterEstimator, as_states
+from model_runtime.representation.latents import Latents
+from model_runtime.representation.lobes import compress
+
+from .distillation import random_states
+from .evaluation.metric import tone_map
+
+__all__ = ("random_latents", "train_estimator")
+
+_BATCH = 512
+_LOOKED_AT = 64  # of a batch, whose appearance is compared too
+_RATE = 3e-3
+_FITTED = 4096  # at a time
+# Specular albedo at which alpha counts half: without a lobe it means nothing.
+_VISIBLE = 0.02
+
+
+def random_latents(n: int, representation: Trained, g: torch.Generator) -> Latents:
+    """Latents of `n` random materials, a third as they are, the others in between two or a bit
+    beyond, all with noise: where a temporal model may lead.
+    """
+    one, other = (representation.encode_parameters(random_states(n, g)) for _ in range(2))
+    share = 1.4 * torch.rand(n, 1, generator=g) - 0.2
+    share[: n // 3] = 1
+    flat = torch.lerp(other.flat(), one.flat(), share)
+    noise = 0.3 * torch.rand(n, 1, generator=g) ** 3
+    return one.unflat(flat + noise * torch.randn(flat.shape, generator=g))
+
+
+def train_estimator(
+    *, encoder: Path, output: Path, minutes: float = 10.0, materials: int = 400_000, seed: int = 0
+) -> Path:
+    """Train an estimator for the latents of `encoder` and write it to `output`; returns that path.
+
+    It learns what the fit finds in `materials` random latents, for `minutes` of a core.
+    """
+    torch.manual_seed(seed)
+    g = torch.Generator().manual_seed(seed)
+    representation, identity = load_representation(encoder)
+    with torch.no_grad():
+        latents = random_latents(materials, representation, g)
+        wanted = _fitted(latents, representation)
+    albedos = compress(torch.stack((wanted[:, :3], wanted[:, 3:6]), 2))
+    log_alpha = wanted[:, 6].log()
+    specular = wanted[:, 3:6].mean(1)
+    visible = specular / (specular + _VISIBLE)
+
+    model = ParameterEstimator(latents.color.shape[2], latents.shared.shape[1])
+    optimizer = torch.optim.Adam(model.parameters(), lr=_RATE, betas=(0.9, 0.99))
+    start, step = time.process_time(), 0
+    with tqdm(total=100, desc="estimator", unit="%") as bar:
+        while (done := (time.process_time() - start) / (60 * minutes)) < 1:
+            cosine = 0.5 * (1 + math.cos(math.pi * done))
+            for group in optimizer.param_groups:
+                group["lr"] = _RATE * min(1, (step + 1) / 200) * (0.01 + 0.99 * cosine)
+            rows = torch.randint(materials, (_BATCH,), generator=g)
+            told, told_alpha = model(Latents(latents.color[rows], latents.shared[rows]))
+            loss = (told - albedos[rows]).abs().mean(0).sum() / 3
+            loss = loss + ((told_alpha - log_alpha[rows]).abs() * visible[rows]).mean()
+            seen = as_states(told[:_LOOKED_AT], told_alpha[:_LOOKED_AT])
+            loss = loss + 5 * _difference(seen, wanted[rows[:_LOOKED_AT]])
+            optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+            optimizer.step()
+            step += 1
+            bar.update(int(100 * done) - bar.n)
+    save_model(
+        output,
+        model.state_dict(),
+        {
+            "name": "estimator",
+            "title": "Parameters of latents",
+            "representation": identity,
+            "source": "Random Torrance-Sparrow materials.",
+            "license": "GPL-3.0-or-later",
+            "trained": {
+                "command": f"python -m training estimator --encoder {encoder} --output {output}"
+                f" --minutes {minutes:g} --seed {seed}",
+                "iterations": step,
+                "minutes": minutes,
+                "seed": seed,
+                "data": f"what the fit finds in {materials:,} random latents",
+            },
+        },
+        kind="estimator",
+    )
+    return output
+
+
+def _fitted(latents: Latents, representation: Trained) -> Tensor:
+    """Parameters [N, 7] that the fit finds in latents."""
+    angles, flat = fit_angles(), latents.flat()
+    parts = (
+        representation.decode(latents.unflat(flat[start : start + _FITTED]), angles)
+        for start in tqdm(range(0, len(flat), _FITTED), desc="fits")
+    )
+    return torch.cat([fit_torrance_sparrow(part, angles).parameters() for part in parts])
+
+
+def _difference(states: Tensor, wanted: Tensor) -> Tensor:
+    """Mean difference [] of what two lists of states [N, 7] look like, tone-mapped."""
+    return (_look(states) - _look(wanted)).abs().mean()
+
+
+def _look(states: Tensor) -> Tensor:
+    return tone_map(math.pi * viewed(states) + 1e-4)
