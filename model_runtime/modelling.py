@@ -24,6 +24,7 @@ __all__ = ("EFFORTS", "Effort", "model_texels")
 
 _WORTHWHILE = 1.0  # dB that finer cells must gain to be made finer still
 _CHECKED = 128  # texels on which a palette is compared with each modelled for itself
+_CHECKED_AT = (0.03, 0.1, 0.3, 0.6, 1.0)  # of time: the first ages show in all frames, as fronts
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def model_texels(
 
     def psnr_of(palette: Palette, histories: Histories) -> float:
         estimate = AgedTexels(own.entries, palette, histories, gain, None)
-        return min(appearance_psnr(truth.at(t), estimate.at(t)) for t in (0.1, 0.3, 0.6, 1.0))
+        return min(appearance_psnr(truth.at(t), estimate.at(t)) for t in _CHECKED_AT)
 
     def reached() -> float:
         return psnr_of(Palette(palette.entries, palette.index[rows]), histories)
