@@ -198,6 +198,8 @@ class Frames:
         return sorted({*range(0, last, self.interval), last})
 
     def _planes(self, k: int) -> Tensor:
+        if self.interval == 1:  # nothing lies between two frames: none is needed again
+            return self.maps.planes(self.times[k])
         if k not in self._aged:
             # what is asked for next lies between the latest one and this one
             self._aged = dict([*self._aged.items()][-1:])

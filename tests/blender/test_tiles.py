@@ -237,7 +237,10 @@ def test_faces_beside_all_tiles_are_named(tmp_path):
     reading = read(material, obj, tmp_path)
     assert reading.tiles.used == ((0, 0), (1, 0))
     (warning,) = reading.warnings
-    assert "no tile (u 0, v -1, 1003)" in warning
+    assert "no tile (u 0, v -1, 1003);" in warning
+    squares(material, [(5, v) for v in range(5)], "More")
+    (warning,) = read(material, obj, tmp_path).warnings
+    assert "1003, 1006, 1016, 1026, ...);" in warning
 
 
 def test_tiles_that_nothing_uses_or_that_are_lost_are_refused(tmp_path):

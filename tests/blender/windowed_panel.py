@@ -192,7 +192,7 @@ def ages_and_undoes() -> Steps:
 
 def shows_a_preview() -> Steps:
     settings = material().tvbrdf
-    settings.size, settings.steps = 640, 40
+    settings.size, settings.steps = 896, 40
     yield DRAWN
     yield from start()
     assert settings.is_preview and is_aged()

@@ -28,6 +28,7 @@ from .unwrap import active_uv_map, check_unwrapped, overlaps
 __all__ = ("Reading", "read")
 
 _LARGEST = 16384  # pixels a side that the worker takes, and most GPUs
+_NAMED = 5  # tiles in a sentence
 
 _VIEW_NODES = ("FRESNEL", "LAYER_WEIGHT", "CAMERA", "LIGHT_PATH", "SHADERTORGB")
 _VIEW_OUTPUTS = ("Incoming", "Camera", "Window", "Reflection", "Parametric", "Backfacing")
@@ -113,9 +114,10 @@ def read(
                 f"{max(wanted)}: one image, of all UDIM tiles, has at most {_LARGEST} px a side."
             )
         if tiles.lacking:
+            some = ", ".join(tiles.lacking[:_NAMED]) + ", ..." * (len(tiles.lacking) > _NAMED)
             warnings.append(
-                f"Faces of “{material.name}” lie where its images have no tile "
-                f"({', '.join(tiles.lacking)}); there they will show what is next to them."
+                f"Faces of “{material.name}” lie where its images have no tile ({some}); there "
+                "they will show what is next to them."
             )
         for name, socket in sockets.items():
             if name not in maps and direct and is_direct(socket) and tiles.are_one:
