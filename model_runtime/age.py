@@ -27,7 +27,7 @@ from .inputs import Material, hash_file, hash_input, read_input
 from .maps import PrincipledMaps, TorranceSparrowMaps
 from .modelling import EFFORTS, Effort, model_texels
 from .onset import onset_map, rate_map
-from .package import ENCODER, find_model
+from .package import ENCODER, ESTIMATOR, find_model
 from .representation import load_representation
 from .representation.estimator import load_estimator
 from .result import StagedResult, check_space
@@ -212,6 +212,7 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
                 "input": hash_input(request.input),
                 "ntm": hash_file(ntm_path),
                 "encoder": hash_file(ENCODER),
+                "estimator": hash_file(ESTIMATOR),
             },
         }
         staged.commit(report)

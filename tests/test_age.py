@@ -22,7 +22,7 @@ from model_runtime import __version__, cli, result
 from model_runtime.age import AgeRequest
 from model_runtime.errors import Cancelled, InputError, ModelFileError, OutputError
 from model_runtime.images import read_image
-from model_runtime.package import ENCODER, find_model
+from model_runtime.package import ENCODER, ESTIMATOR, find_model
 from model_runtime.request import request_from
 from model_runtime.temporal.ntm import LADDER
 from tests.ageing import (
@@ -147,6 +147,7 @@ class TestReport:
         hashes = painted.report["hashes"]
         assert hashes["ntm"] == sha256(find_model("rust"))
         assert hashes["encoder"] == sha256(ENCODER)
+        assert hashes["estimator"] == sha256(ESTIMATOR)
         assert hashes["input"] == {path.name: sha256(path) for path in painted.source.iterdir()}
 
     def test_the_command_asks_for_the_same_again(self, painted: Aged):

@@ -62,9 +62,9 @@ _FIRST: dict[str, dict[str, float]] = {
     "stored": {"draft": 12.0, "balanced": 6.0, "exact": 6.0},
     "model": {
         "draft parameters": 0.15,
-        "draft latents": 0.5,
+        "draft latents": 0.15,
         "balanced parameters": 0.25,
-        "balanced latents": 7.0,
+        "balanced latents": 2.0,
         "exact parameters": 4e-5,
         "exact latents": 0.011,
     },
