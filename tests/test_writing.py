@@ -170,6 +170,24 @@ def test_frames_between_the_aged_ones_go_straight(count: int, at_once: bool) -> 
             np.testing.assert_allclose(pixels, expected[name], rtol=2e-3, atol=1e-3, err_msg=name)
 
 
+def test_starts_that_are_known_come_nearer_than_a_fade() -> None:
+    material = authored((30, 50))
+    texels = ageing(material)
+    times = np.linspace(0, 1, 10).tolist()
+    maps = FrameMaps(texels, (30, 50), "torrance-sparrow", None)
+    frames = Frames(maps, times, interval=3)
+    for k in (1, 2, 4, 5, 7, 8):
+        before = k - k % 3
+        first, true, last = (
+            {name: pixels.astype(np.float32) for name, pixels in maps.at(times[each]).items()}
+            for each in (before, k, before + 3)
+        )
+        for name, pixels in frames.at(k).items():
+            faded = first[name] + (k - before) / 3 * (last[name] - first[name])
+            error, of_fade = (np.square(each - true[name]).mean() for each in (pixels, faded))
+            assert error < of_fade, (k, name)
+
+
 def test_each_aged_frame_is_aged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     material = authored((3, 5))
     maps = FrameMaps(ageing(material), (3, 5), "principled", material)

@@ -41,13 +41,15 @@ def encoder(
 
 
 @app.command
-def estimator(encoder: Path, output: Path, minutes: float = 10.0, seed: int = 0) -> None:
+def estimator(encoder: Path, output: Path, minutes: float | None = None, seed: int = 0) -> None:
     """Train the network that tells parameters from latents where a fit would take too long.
+
+    It takes some twelve minutes of a core and cannot be resumed.
 
     Args:
         encoder: the encoder of the latents.
         output: the .safetensors file to write.
-        minutes: train about so many minutes of one core, after two for the fits that it learns.
+        minutes: train so many minutes of one core instead, after those for the fits it learns.
         seed: of all random numbers.
     """
     from .estimator import train_estimator

@@ -44,11 +44,18 @@ def random_latents(n: int, representation: Trained, g: torch.Generator) -> Laten
 
 
 def train_estimator(
-    *, encoder: Path, output: Path, minutes: float = 10.0, materials: int = 400_000, seed: int = 0
+    *,
+    encoder: Path,
+    output: Path,
+    minutes: float | None = None,
+    iterations: int = 135_000,
+    materials: int = 400_000,
+    seed: int = 0,
 ) -> Path:
     """Train an estimator for the latents of `encoder` and write it to `output`; returns that path.
 
-    It learns what the fit finds in `materials` random latents, for `minutes` of a core.
+    It learns what the fit finds in `materials` random latents, in so many `iterations`, which make
+    the same file again, or for `minutes` of a core, which may not.
     """
     torch.manual_seed(seed)
     g = torch.Generator().manual_seed(seed)
@@ -65,7 +72,11 @@ def train_estimator(
     optimizer = torch.optim.Adam(model.parameters(), lr=_RATE, betas=(0.9, 0.99))
     start, step = time.process_time(), 0
     with tqdm(total=100, desc="estimator", unit="%") as bar:
-        while (done := (time.process_time() - start) / (60 * minutes)) < 1:
+        while True:
+            spent = (time.process_time() - start) / 60
+            done = step / iterations if minutes is None else spent / minutes
+            if done >= 1:
+                break
             cosine = 0.5 * (1 + math.cos(math.pi * done))
             for group in optimizer.param_groups:
                 group["lr"] = _RATE * min(1, (step + 1) / 200) * (0.01 + 0.99 * cosine)
@@ -81,6 +92,8 @@ def train_estimator(
             optimizer.step()
             step += 1
             bar.update(int(100 * done) - bar.n)
+    options = f"--encoder {encoder} --output {output} --seed {seed}"
+    options += f" --minutes {minutes:g}" if minutes is not None else ""
     save_model(
         output,
         model.state_dict(),
@@ -91,10 +104,9 @@ def train_estimator(
             "source": "Random Torrance-Sparrow materials.",
             "license": "GPL-3.0-or-later",
             "trained": {
-                "command": f"python -m training estimator --encoder {encoder} --output {output}"
-                f" --minutes {minutes:g} --seed {seed}",
+                "command": f"python -m training estimator {options}",
                 "iterations": step,
-                "minutes": minutes,
+                "minutes": round(spent, 1),
                 "seed": seed,
                 "data": f"what the fit finds in {materials:,} random latents",
             },

@@ -21,7 +21,7 @@ _BRIGHTEST = compress(torch.tensor(30.0)).item()
 
 class ParameterEstimator(nn.Module):
     """Torrance-Sparrow parameters straight from latents of sizes `color_latents` a channel and
-    `shared_latents`, in less than a hundredth of the time of decoding and fitting them.
+    `shared_latents`, without decoding and fitting them.
 
     Channels are treated alike, and alpha does not depend on their order.
     """

@@ -221,7 +221,7 @@ def shades() -> np.ndarray:
     return np.random.default_rng(1).integers(0, 256, (4, 8))[..., None].repeat(3, 2) / 255
 
 
-def with_image(made: bpy.types.Image) -> tuple[bpy.types.Material, bpy.types.Object]:
+def with_image(made: bpy.types.Image | None) -> tuple[bpy.types.Material, bpy.types.Object]:
     material = new_material()
     material.tvbrdf.onset, material.tvbrdf.onset_image = "image", made
     return material, plane(material)
