@@ -98,7 +98,7 @@ def _bind_torrance_sparrow(edit: Edit, result: AgedMaps) -> list[str]:
         else:
             edit.show(aged, sockets[aged.name])
     surface = _with_transparency(edit, _with_emission(edit, both.outputs[0]))
-    edit.connect(surface, edit.output.inputs["Surface"])
+    edit.replace_shader(surface)
     lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
     if not lost:
         return []
@@ -146,6 +146,6 @@ def _follow(edit: Edit, identifier: str, socket: bpy.types.NodeSocket) -> None:
     """Feeds a new socket with what feeds the Principled BSDF's."""
     original = edit.input(identifier)
     if original.is_linked:
-        edit.tree.links.new(original.links[0].from_socket, socket)
+        edit.tree.links.new(edit.outside(original.links[0].from_socket), socket)
     elif identifier != "Normal":
         socket.default_value = original.default_value

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .animation import own_action, remove_keys
+from .groups import restore_groups
 from .ownership import TAG, user_count
 from .record import Link, Record, find, is_aged, keyed_sockets, load, tagged
 from .trace import input_socket
@@ -25,6 +26,7 @@ def revert(material: bpy.types.Material) -> None:
     own_action(tree)
     _remove_animation(tree, record)
     _remove_nodes(tree)
+    restore_groups(tree)
     _restore_sockets(tree, record)
     _restore_link_order(tree, record)
     record.animation.restore(tree)
