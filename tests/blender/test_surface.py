@@ -10,6 +10,7 @@ import pytest
 
 from tests.blender.material_cases import (
     add,
+    add_sun,
     image,
     link,
     made_up,
@@ -18,8 +19,8 @@ from tests.blender.material_cases import (
     principled_of,
     procedural,
     render,
-    snapshot,
     view_from_above,
+    write_result,
 )
 from tests.blender.test_bind import bind, read
 from tests.blender.test_revert import FORMATS, settled
@@ -185,7 +186,8 @@ def test_it_ages_and_comes_back(tmp_path, build: Callable, kind):
     bind(material, obj, made_up(tmp_path / "aged", kind), tmp_path)
     assert is_aged(material)
     seen = settled(other)
-    for key in ("nodes", "links", "animation"):
+    seen["groups"] = {name: seen["groups"][name] for name in others["groups"]}
+    for key in ("nodes", "links", "animation", "groups"):
         assert seen[key] == others[key], f"another material's {key} changed"
     bind(material, obj, made_up(tmp_path / "again", kind), tmp_path)
     freeze(material, 4)
@@ -193,3 +195,74 @@ def test_it_ages_and_comes_back(tmp_path, build: Callable, kind):
     after = settled(material)
     for key in before:
         assert after[key] == before[key], key
+
+
+def textured_group() -> bpy.types.NodeTree:
+    """A group that holds images, their mapping, and a Principled BSDF with a normal map."""
+    group = new_group("Textured")
+    start = next(node for node in group.nodes if node.type == "GROUP_INPUT")
+    coordinates, mapping = (
+        group.nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "Mapping")
+    )
+    mapping.inputs["Scale"].default_value = (3, 2, 1)
+    group.links.new(coordinates.outputs["UV"], mapping.inputs["Vector"])
+    shader, bump = (group.nodes.new(f"ShaderNode{kind}") for kind in ("BsdfPrincipled", "Bump"))
+    texture = group.nodes.new("ShaderNodeTexImage")
+    texture.image = image("Boards", np.random.default_rng(0).random((8, 4, 3)))
+    group.links.new(mapping.outputs[0], texture.inputs["Vector"])
+    group.links.new(texture.outputs[0], shader.inputs["Base Color"])
+    group.links.new(start.outputs["Noise"], shader.inputs["Roughness"])
+    group.links.new(texture.outputs[0], bump.inputs["Height"])
+    group.links.new(bump.outputs[0], shader.inputs["Normal"])
+    fill(group, shader.outputs[0])
+    return group
+
+
+def ungrouped(material) -> None:
+    """The same nodes as `textured_group` makes, in the material itself, with Roughness 0.25."""
+    tree, shader = material.node_tree, principled_of(material)
+    coordinates, mapping = add(material, "ShaderNodeTexCoord"), add(material, "ShaderNodeMapping")
+    mapping.inputs["Scale"].default_value = (3, 2, 1)
+    tree.links.new(coordinates.outputs["UV"], mapping.inputs["Vector"])
+    texture = add(material, "ShaderNodeTexImage", image=bpy.data.images["Boards"])
+    tree.links.new(mapping.outputs[0], texture.inputs["Vector"])
+    link(material, texture.outputs[0], "Base Color")
+    shader.inputs["Roughness"].default_value = 0.25
+    bump = add(material, "ShaderNodeBump")
+    tree.links.new(texture.outputs[0], bump.inputs["Height"])
+    link(material, bump.outputs[0], "Normal")
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_group_looks_like_its_nodes_without_a_group(tmp_path, kind):
+    rng = np.random.default_rng(1)
+    names = {path.name.rpartition("_")[0] for path in made_up(tmp_path / "x", kind).glob("*.exr")}
+    shapes = {
+        name: (8, 4, 3) if name in ("kd", "ks") or "color" in name or "tint" in name else (8, 4)
+        for name in names
+    }
+    maps = {
+        name: [rng.uniform(0.2, 0.8, shape) for _ in range(3)] for name, shape in shapes.items()
+    }
+    folder = write_result(tmp_path / "aged", kind, maps)
+    view_from_above()
+    add_sun((0.3, 0.2, -1))
+    pictures = []
+    for grouped in (True, False):
+        material = new_material()
+        if grouped:
+            node = show_group(material, textured_group())
+            for link_in in list(node.inputs["Noise"].links):
+                material.node_tree.links.remove(link_in)
+            node.inputs["Noise"].default_value = 0.25
+        else:
+            ungrouped(material)
+        obj = plane(material)
+        reading = read(material, obj, tmp_path)
+        assert not reading.uniform
+        assert reading.uv_map is None, "the images keep their mapping"
+        bind(material, obj, folder, tmp_path, span=(1, 5))
+        pictures.append([render(tmp_path / "r.exr", frame, size=32) for frame in (1, 2, 5)])
+        bpy.data.objects.remove(obj)
+    np.testing.assert_allclose(pictures[0], pictures[1], rtol=1e-5, atol=1e-6)
+    assert np.ptp(pictures[0][0]) > 0.05
