@@ -16,7 +16,15 @@ import bpy
 from .ownership import TAG, user_count
 from .surface import Place
 
-__all__ = ("feed", "own_groups", "owned_groups", "remove_unused", "restore_groups", "shown_outside")
+__all__ = (
+    "feed",
+    "originals_lost",
+    "own_groups",
+    "owned_groups",
+    "remove_unused",
+    "restore_groups",
+    "shown_outside",
+)
 
 _PANEL = "Aged by tvbrdf"
 _TYPES = {
@@ -52,6 +60,15 @@ def owned_groups(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     """The group nodes of a tree that show such a copy."""
     nodes = (node for node in tree.nodes if node.type == "GROUP" and node.node_tree is not None)
     return [node for node in nodes if TAG in node.node_tree]
+
+
+def originals_lost(tree: bpy.types.NodeTree) -> list[str]:
+    """The copies of which the artist deleted the original, by the names of their nodes."""
+    return [
+        node.name
+        for node in owned_groups(tree)
+        if not isinstance(node.node_tree[TAG], bpy.types.NodeTree)
+    ]
 
 
 def restore_groups(tree: bpy.types.NodeTree) -> None:
