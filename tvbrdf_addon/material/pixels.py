@@ -17,6 +17,7 @@ __all__ = (
     "luminance",
     "read_exr_texel",
     "resampled",
+    "set_as_data",
     "write_exr",
 )
 
@@ -32,6 +33,11 @@ def image_pixels(image: bpy.types.Image) -> Array:
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
     return pixels.reshape(height, width, 4)[::-1]
+
+
+def set_as_data(image: bpy.types.Image) -> None:
+    """Makes an image numbers that no color management touches, whatever its name for that is."""
+    image.colorspace_settings.is_data = True
 
 
 def linear_color(image: bpy.types.Image) -> tuple[Array, bool]:
@@ -136,7 +142,7 @@ def read_exr_texel(path: Path) -> tuple[float, float, float]:
     """The colour of the only texel of a 1 x 1 EXR (a number comes as three equal ones)."""
     image = bpy.data.images.load(str(path), check_existing=False)
     try:
-        image.colorspace_settings.name = "Non-Color"
+        set_as_data(image)
         if tuple(image.size) != (1, 1):
             raise MaterialError(
                 f"{path} is not the 1 x 1 map of a uniform material.", "Age the material again."
