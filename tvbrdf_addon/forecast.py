@@ -170,7 +170,8 @@ def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
         return None
     principled, space = readable
     try:
-        tiles = tiles_of(principled, space, material, showing(material, scene))
+        users = showing(material, scene)
+        tiles = tiles_of(principled, space, material, users, scene.frame_current)
     except MaterialError:
         return None
     seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)

@@ -99,9 +99,9 @@ def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, slot: str
         data.action_slot = slots.get(slot, data.action_slot)
 
 
-def channels(tree: bpy.types.NodeTree) -> Sequence[bpy.types.FCurve]:
-    """The F-curves that animate a node tree: Blender's own collection, or nothing."""
-    data = tree.animation_data
+def channels(block: bpy.types.NodeTree | bpy.types.Object) -> Sequence[bpy.types.FCurve]:
+    """The F-curves that animate a block: Blender's own collection, or nothing."""
+    data = block.animation_data
     if data is None or data.action is None:
         return ()
     if not hasattr(data, "action_slot"):  # 4.2, 4.3
