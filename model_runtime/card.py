@@ -45,7 +45,7 @@ class ModelCard:
 
 
 def strict_json(text: str | bytes) -> Any:
-    """`json.loads`, but ValueError for NaN and for numbers beyond those that floats hold."""
+    """`json.loads`, but ValueError for NaN and for numbers that 64 bits do not hold."""
 
     def number(text: str) -> float:
         value = float(text)
@@ -53,7 +53,12 @@ def strict_json(text: str | bytes) -> Any:
             raise ValueError(f"{text} is not a number")
         return value
 
-    return json.loads(text, parse_float=number, parse_constant=number)
+    def whole(text: str) -> int:
+        if abs(value := int(text)) >= 1 << 63:
+            raise ValueError(f"{text} is too large")
+        return value
+
+    return json.loads(text, parse_int=whole, parse_float=number, parse_constant=number)
 
 
 def check_card(kind: str, card: Mapping[str, Any]) -> dict[str, Any]:

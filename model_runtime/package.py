@@ -26,6 +26,7 @@ __all__ = (
     "ESTIMATOR",
     "FORMAT_VERSION",
     "MODELS",
+    "ModelCard",
     "find_model",
     "hash_tensors",
     "list_models",
