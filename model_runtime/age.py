@@ -20,7 +20,7 @@ from torch import Tensor
 from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
-from .errors import Cancelled, InputError
+from .errors import Cancelled, InputError, memory_in_words, shown
 from .histories import CPU, fit_measured
 from .images import read_image, resize
 from .inputs import Material, hash_file, hash_input, read_input
@@ -38,6 +38,7 @@ from .writing import Format, Frames, maps_of, write_frames, write_stored_frames
 
 __all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
+_LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _UNIFORM_SIZE = 512
 _BYTES_PER_TEXEL = 12  # of a frame's half-float maps, compressed or not
 
@@ -105,7 +106,7 @@ def age(request: AgeRequest, reporter: Reporter, effort: Effort | None = None) -
     holds what it held before.
     """
     run = _Run(request, reporter)
-    with torch.inference_mode(), _one_thread():
+    with memory_in_words(_LESS_MEMORY), torch.inference_mode(), _one_thread():
         return _age(run, effort or EFFORTS[request.quality])
 
 
@@ -257,7 +258,7 @@ def timing_maps(
     onset = read_image(Path(request.onset), color=False)
     if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):
         raise InputError(
-            f"The onset image {request.onset} has values outside 0 to 1.",
+            f"The onset image {shown(request.onset)} has values outside 0 to 1.",
             "Paint 0 where the change starts at once and 1 where it never starts.",
         )
     if size == (1, 1):
