@@ -10,7 +10,7 @@ import hashlib
 import json
 import stat
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -153,15 +153,20 @@ def _object(value: object) -> dict[str, Any]:
     return value
 
 
-def list_models(folders: Sequence[Path] = (MODELS,)) -> list[ModelCard]:
+def list_models(
+    folders: Sequence[Path] = (MODELS,),
+    *,
+    refuse: Callable[[ModelFileError], None] = lambda _error: None,
+) -> list[ModelCard]:
     """The cards of all readable NTMs in `folders`, by title; files that are not models are
-    skipped.
+    skipped, and `refuse` hears why.
     """
     cards = []
     for path in sorted(path for folder in folders for path in folder.glob("*.safetensors")):
         try:
             card = read_card(path)
-        except ModelFileError:
+        except ModelFileError as error:
+            refuse(error)
             continue
         if card.kind == "ntm":
             cards.append(card)

@@ -37,8 +37,14 @@ class Child:
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
 
-    def reply(self) -> dict[str, Any]:
+    def message(self) -> dict[str, Any]:
         return json.loads(self.process.stdout.readline())
+
+    def reply(self) -> dict[str, Any]:
+        """The next message that is no sign of life."""
+        while (message := self.message())["type"] in ("alive", "loaded"):
+            pass
+        return message
 
     def answers(self, request_id: object) -> list[dict[str, Any]]:
         """All replies to a request, up to the one that ends it."""

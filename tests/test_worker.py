@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from tvbrdf.tvbrdf_addon import process as process_module
 from tvbrdf.tvbrdf_addon import worker as worker_module
 from tvbrdf.tvbrdf_addon.errors import WorkerError
 from tvbrdf.tvbrdf_addon.worker import Done, Launch, Notice, Progress, Worker, run
@@ -122,7 +123,7 @@ def test_letting_go_of_a_run_cancels_it(worker: Worker, tmp_path: Path, monkeypa
 
 def test_a_worker_deaf_to_cancel_is_killed(script, monkeypatch):
     monkeypatch.setattr(worker_module, "CANCEL_SECONDS", 0.2)
-    monkeypatch.setattr(worker_module, "SHUTDOWN_SECONDS", 0.2)
+    monkeypatch.setattr(process_module, "SHUTDOWN_SECONDS", 0.2)
     deaf = script(READY + "time.sleep(60)")
     with pytest.raises(WorkerError) as caught:
         all_of(run(deaf, "age", {}, cancelled=lambda: True))
@@ -175,12 +176,13 @@ sys.stdin.readline()
     assert all_of(run(leaving, "age", {})) == [Done({"second": True})]
 
 
-def test_a_crash_on_start_shows_the_last_words(script, capfd):
+def test_a_crash_on_start_shows_the_last_words(script):
     broken = script("import a_module_that_is_not_there")
     with pytest.raises(WorkerError) as caught:
         all_of(run(broken, "age", {}))
     assert "a_module_that_is_not_there" in caught.value.hint
-    assert "Traceback" in capfd.readouterr().err
+    assert "Traceback" not in str(caught.value)
+    assert "Traceback" in caught.value.details
 
 
 def test_a_missing_interpreter_is_named(tmp_path: Path):
