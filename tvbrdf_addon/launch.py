@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from dataclasses import dataclass
@@ -64,7 +65,9 @@ class Launch:
             return None
         if not chosen:
             return None
-        path = Path(chosen).expanduser()
+        path = Path(chosen)
+        with contextlib.suppress(RuntimeError):  # the ~ of a user who is not known here
+            path = path.expanduser()
         # Blender's // means beside the .blend, whoever made it and put what beside it.
         if chosen.startswith("//") or not path.is_absolute():
             raise WorkerError(
