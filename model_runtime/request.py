@@ -15,7 +15,15 @@ from .errors import TvbrdfError, UsageError
 if TYPE_CHECKING:
     from .age import AgeRequest
 
-__all__ = ("CHOICES", "MissingLibraryError", "cards", "load_age", "option", "request_from")
+__all__ = (
+    "CHOICES",
+    "MOST_FRAMES",
+    "MissingLibraryError",
+    "cards",
+    "load_age",
+    "option",
+    "request_from",
+)
 
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "quality": ("draft", "balanced", "exact"),
@@ -23,6 +31,13 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "specular": ("rgb", "mono"),
     "format": ("torrance-sparrow", "principled", "principled-exact"),
 }
+
+
+MOST_FRAMES = 9999
+"""Files are numbered with four digits."""
+
+_MOST = 2**31 - 1
+_BOUNDS = {"frames": (1, MOST_FRAMES), "size": (1, _MOST), "seed": (0, _MOST)}
 
 
 class MissingLibraryError(TvbrdfError):
@@ -71,11 +86,11 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
             raise UsageError(
                 f"{option(name)} cannot be {given[name]}.", f"Choose one of {', '.join(choices)}."
             )
-    for name, least in (("frames", 1), ("size", 1), ("seed", 0)):
+    for name, (least, most) in _BOUNDS.items():
         if name in given:
             value = given[name]
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise UsageError(f"{option(name)} must be a whole number of at least {least}.")
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                raise UsageError(f"{option(name)} must be a whole number from {least} to {most}.")
     if "tolerance" in given:
         value = given["tolerance"]
         if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
