@@ -23,7 +23,7 @@ from .brdf.measured import MeasuredBRDF
 from .errors import Cancelled, InputError, memory_in_words, shown
 from .histories import CPU, fit_measured
 from .images import read_image, resize
-from .inputs import Material, hash_file, hash_input, read_input
+from .inputs import Material, hash_file, hash_input, input_files, read_input
 from .maps import PrincipledMaps, TorranceSparrowMaps
 from .modelling import EFFORTS, Effort, model_texels
 from .onset import onset_map, rate_map
@@ -34,7 +34,7 @@ from .result import StagedResult, check_space
 from .savings import savings
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
-from .writing import Format, Frames, maps_of, write_frames, write_stored_frames
+from .writing import Format, Frames, file_names, maps_of, write_frames, write_stored_frames
 
 __all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
@@ -105,9 +105,16 @@ def age(request: AgeRequest, reporter: Reporter, effort: Effort | None = None) -
     kind of TvbrdfError with a sentence for the user where anything is wrong; the output folder then
     holds what it held before.
     """
-    run = _Run(request, reporter)
-    with memory_in_words(_LESS_MEMORY), torch.inference_mode(), _one_thread():
-        return _age(run, effort or EFFORTS[request.quality])
+    run, effort = _Run(request, reporter), effort or EFFORTS[request.quality]
+    # Staged from the beginning: a folder that cannot be written to is found before the work is.
+    staging = StagedResult(request.output, compression=effort.compression)
+    with (
+        memory_in_words(_LESS_MEMORY),
+        torch.inference_mode(),
+        _one_thread(),
+        staging as staged,
+    ):
+        return _age(run, effort, staged)
 
 
 @contextmanager
@@ -121,24 +128,38 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _age(run: _Run, effort: Effort) -> dict[str, Any]:
+def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     request = run.request
     run.progress("reading", 0.0)
     with run.timed("read"):
         ntm_path = find_model(request.ntm)
-        representation, identity = load_representation()
-        estimator = load_estimator(identity)
-        ntm = NeuralTemporalModel.load(ntm_path, identity)
+        with _unchanged(ntm_path, ENCODER, ESTIMATOR):
+            representation, identity = load_representation()
+            estimator = load_estimator(identity)
+            ntm = NeuralTemporalModel.load(ntm_path, identity)
+            hashes: dict[str, Any] = {
+                "ntm": hash_file(ntm_path),
+                "encoder": hash_file(ENCODER),
+                "estimator": hash_file(ESTIMATOR),
+            }
         for doubt in ntm.warnings:
             run.warn(f"Of what {ntm.card.title} was learned from: {doubt}")
-        material = read_input(request.input, size=request.size)
+        with _unchanged(*input_files(request.input)):
+            material = read_input(request.input, size=request.size)
+            hashes["input"] = hash_input(request.input)
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
         onset, rate = timing_maps(request, ntm, size)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], 7)
-    check_space(request.output, size[0] * size[1] * request.frames * _BYTES_PER_TEXEL)
+    wanted = request.format or (
+        "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
+    )
+    names = file_names(wanted, request.frames)
+    staged.require_free(names)
+    pixels = size[0] * size[1] * request.frames
+    check_space(request.output, pixels * _BYTES_PER_TEXEL, len(names))
     with run.timed("model"):
         rung = _rung(run, ntm, initial)
         aged = model_texels(
@@ -159,65 +180,78 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
         )
     palette, histories = aged.palette, aged.histories
     times = np.linspace(0, 1, request.frames).tolist()
-    wanted = request.format or (
-        "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
-    )
-    with StagedResult(request.output, compression=effort.compression) as staged:
-        with run.timed("write"):
-            maps = maps_of(aged, material, size, wanted, times)
-            if maps.format != wanted:
-                run.warn(
-                    "Some texels reflect more than the exact Principled mapping can hold (Ks above "
-                    "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
-                )
+    with run.timed("write"):
+        maps = maps_of(aged, material, size, wanted, times)
+        if maps.format != wanted:
+            run.warn(
+                "Some texels reflect more than the exact Principled mapping can hold (Ks above "
+                "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
+            )
 
-            frames = Frames(maps, times, effort.interval)
+        frames = Frames(maps, times, effort.interval)
 
-            def step(fraction: float) -> None:
-                run.progress("writing", 0.4 + 0.6 * fraction)
+        def step(fraction: float) -> None:
+            run.progress("writing", 0.4 + 0.6 * fraction)
 
-            files: dict[str, Any]
-            if request.sparse:
-                files = write_stored_frames(
-                    frames, staged, step, tolerance=request.tolerance, seed=request.seed
-                )
-            else:
-                files = write_frames(frames, staged, step)
-            staged.finish()
-        report = {
-            "format": maps.format,
-            "ntm": ntm.card.name,
-            "frames": request.frames,
-            "times": [round(time, 6) for time in times],
-            "size": list(size),
-            "quality": request.quality,
-            "temporal_model": rung,
-            "palette": len(palette.entries),
-            "plan": savings(
-                texels=len(initial),
-                modelled=len(palette.entries),
-                interval=effort.interval,
-                files=files,
-            ),
-            "fit_error": round(max(fit_error, histories.fit_error), 6),
-            "warnings": run.warnings,
-            "seconds": run.seconds,
-            "peak_rss_mb": _peak_rss_mb(),
-            "files": files,
-            "version": __version__,
-            "command": command_line(request),
-            "seed": request.seed,
-            "onset": request.onset,
-            "tolerance": request.tolerance,
-            "hashes": {
-                "input": hash_input(request.input),
-                "ntm": hash_file(ntm_path),
-                "encoder": hash_file(ENCODER),
-                "estimator": hash_file(ESTIMATOR),
-            },
-        }
-        staged.commit(report)
+        files: dict[str, Any]
+        if request.sparse:
+            files = write_stored_frames(
+                frames, staged, step, tolerance=request.tolerance, seed=request.seed
+            )
+        else:
+            files = write_frames(frames, staged, step)
+        staged.finish()
+    report = {
+        "format": maps.format,
+        "ntm": ntm.card.name,
+        "frames": request.frames,
+        "times": [round(time, 6) for time in times],
+        "size": list(size),
+        "quality": request.quality,
+        "temporal_model": rung,
+        "palette": len(palette.entries),
+        "plan": savings(
+            texels=len(initial),
+            modelled=len(palette.entries),
+            interval=effort.interval,
+            files=files,
+        ),
+        "fit_error": round(max(fit_error, histories.fit_error), 6),
+        "warnings": run.warnings,
+        "seconds": run.seconds,
+        "peak_rss_mb": _peak_rss_mb(),
+        "files": files,
+        "version": __version__,
+        "command": command_line(request),
+        "seed": request.seed,
+        "onset": request.onset,
+        "tolerance": request.tolerance,
+        "hashes": hashes,
+    }
+    staged.commit(report)
     return report
+
+
+@contextmanager
+def _unchanged(*files: Path) -> Iterator[None]:
+    """Raise InputError where one of `files` is replaced or changed within the block.
+
+    What was read and what was hashed would be two things.
+    """
+    before = [_version(file) for file in files]
+    yield
+    for file, version in zip(files, before, strict=True):
+        if _version(file) != version:
+            raise InputError(f"{file} changed while it was read.", "Run it again.")
+
+
+def _version(file: Path) -> tuple[int, ...] | None:
+    """What differs between two versions of a file; None where there is none."""
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 def initial_states(
