@@ -214,7 +214,7 @@ class Edit:
         image = bpy.data.images.load(str(path), check_existing=False)
         image.name = f"{self.material.name} {path.stem.rpartition('_')[0]}"
         image[TAG] = 1
-        image.colorspace_settings.name = "Non-Color"
+        image.colorspace_settings.is_data = True  # whatever a configuration calls it
         image.alpha_mode = "NONE"
         image.filepath = _path(path)
         return image
