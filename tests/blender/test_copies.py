@@ -6,10 +6,10 @@ import bpy
 import pytest
 
 from tests.blender.material_cases import made_up, new_material, plane
+from tests.blender.surface_cases import in_nested_groups
 from tests.blender.test_bind import bind
 from tests.blender.test_damage import aged, sentence
 from tests.blender.test_revert import awkward, settled
-from tests.blender.test_surface import in_nested_groups
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

@@ -20,9 +20,9 @@ from tests.blender.material_cases import (
     procedural,
     snapshot,
 )
+from tests.blender.surface_cases import in_nested_groups
 from tests.blender.test_bind import bind
 from tests.blender.test_revert import FORMATS, awkward, settled
-from tests.blender.test_surface import in_nested_groups
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 SHARED = settings(
