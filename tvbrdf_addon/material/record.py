@@ -24,7 +24,9 @@ __all__ = (
     "keyed_sockets",
     "load",
     "node_called",
+    "plays",
     "require_local",
+    "sequences",
     "store",
     "tagged",
 )
@@ -147,6 +149,18 @@ def load(material: bpy.types.Material) -> Record:
 def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     """The nodes that ageing added."""
     return [node for node in tree.nodes if TAG in node]
+
+
+def sequences(tree: bpy.types.NodeTree) -> list[bpy.types.ShaderNodeTexImage]:
+    """Those of them that play textures."""
+    textures = (node for node in tagged(tree) if node.type == "TEX_IMAGE" and node.image)
+    return [node for node in textures if node.image.source == "SEQUENCE"]
+
+
+def plays(material: bpy.types.Material) -> bool:
+    """Whether the material shows textures that change over time: it is aged and not frozen."""
+    tree = material.node_tree
+    return is_aged(material) and tree is not None and bool(sequences(tree))
 
 
 def _name(node: bpy.types.Node) -> str:
