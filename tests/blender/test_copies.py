@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 import pytest
 
-from tests.blender.material_cases import made_up, new_material, plane
-from tests.blender.surface_cases import in_nested_groups
+from tests.blender.material_cases import add, made_up, new_material, plane
+from tests.blender.surface_cases import in_nested_groups, show_group
 from tests.blender.test_bind import bind
 from tests.blender.test_damage import aged, sentence
 from tests.blender.test_revert import awkward, settled
@@ -63,6 +63,47 @@ def test_an_appended_material_reverts_exactly(tmp_path, build):
     assert {k: now[k] for k in ("nodes", "links", "animation")} == {
         k: kept[k] for k in ("nodes", "links", "animation")
     }
+
+
+def test_nodes_pasted_from_an_aged_material_stay(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.ownership import TAG
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    material = new_material()
+    awkward(material)
+    pasted = add(material, "ShaderNodeValue")
+    pasted[TAG] = 1
+    obj = plane(material)
+    names = [node.name for node in material.node_tree.nodes]
+    bind(material, obj, made_up(tmp_path / "aged"), tmp_path)
+    revert(material)
+    assert [node.name for node in material.node_tree.nodes] == names
+
+
+def test_a_damaged_record_is_spoken_of_by_the_name_of_its_material(tmp_path):
+    material, _, obj = aged(tmp_path)
+    material.tvbrdf.original = material.tvbrdf.original.replace("Color", "Colour")
+    said = sentence(lambda: bind(material, obj, made_up(tmp_path / "again"), tmp_path))
+    assert "“Paint”" in said
+
+
+def test_a_group_of_a_library_is_copied_and_comes_back(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    in_nested_groups(new_material())
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, to):
+        to.node_groups = ["Outer"]
+    material = new_material()
+    show_group(material, to.node_groups[0])
+    obj = plane(material)
+    before = settled(material)
+    bind(material, obj, made_up(tmp_path / "aged"), tmp_path)
+    revert(material)
+    after = settled(material)
+    for key in before:
+        assert after[key] == before[key], key
 
 
 @pytest.mark.parametrize("build", [awkward, in_nested_groups])

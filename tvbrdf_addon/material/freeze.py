@@ -26,7 +26,7 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     # Only now: numpy, which it needs, has no part in starting Blender.
     from .still import Fade, show, still
 
-    record, tree = load(material), material.node_tree
+    record, tree = load(material, material.name), material.node_tree
     last = record.frames - 1
     offsets = {
         node: round(_driven(node.image_user, "frame_offset", frame, last))

@@ -187,7 +187,7 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
     """A copy of the material as it was before any ageing, to read from and to bake with."""
     copy = material.copy()
     try:
-        revert(copy)
+        revert(copy, owner=material)
         yield copy
     finally:
         data = copy.node_tree.animation_data if copy.node_tree else None

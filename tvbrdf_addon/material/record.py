@@ -125,8 +125,8 @@ def store(material: bpy.types.Material, record: Record) -> None:
     material.tvbrdf.original = json.dumps({**head, **asdict(record)})
 
 
-def load(material: bpy.types.Material) -> Record:
-    """Reads the material's record; `MaterialError` where it is not what was written."""
+def load(material: bpy.types.Material, name: str) -> Record:
+    """Reads the material's record; where it is not what was written, `MaterialError` about `name`."""
     try:
         data = json.loads(material.tvbrdf.original)
         if not isinstance(data, dict):
@@ -140,7 +140,7 @@ def load(material: bpy.types.Material) -> Record:
         return decoded(Record, data)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise MaterialError(
-            f"What “{material.name}” was before ageing cannot be read ({error}).",
+            f"What “{name}” was before ageing cannot be read ({error}).",
             "Update this extension if a newer one aged it; else append the material from an "
             "earlier save of the file.",
         ) from error
