@@ -126,7 +126,7 @@ def store(material: bpy.types.Material, record: Record) -> None:
 
 
 def load(material: bpy.types.Material, name: str) -> Record:
-    """Reads the material's record; where it is not what was written, `MaterialError` about `name`."""
+    """Reads the material's record; where it is not what was written `MaterialError` on `name`."""
     try:
         data = json.loads(material.tvbrdf.original)
         if not isinstance(data, dict):
