@@ -19,6 +19,7 @@ from .operators import material_of
 from .plain import plain
 from .report import report_in
 from .run import Run, object_with, why_not
+from .sharing import left_out
 
 __all__ = ("CLASSES",)
 
@@ -144,6 +145,8 @@ def _draw_action(
         row.operator(
             "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
         )
+        if said := left_out(material):
+            _paragraph(layout, context, said, "ERROR")
 
 
 def _draw_forecast(

@@ -15,9 +15,9 @@ from .animation import AnimationBefore, drive_by_age, key, own_action
 from .groups import feed, own_groups, shown_outside
 from .layout import Layout
 from .ownership import TAG
-from .pixels import read_exr_texel
+from .pixels import read_exr_texel, set_as_data
 from .read import Reading
-from .record import Link, Record, SocketBefore, store
+from .record import Link, Record, SocketBefore, store, tagged
 from .result import AgedMap
 from .surface import find_principled
 from .trace import input_socket, is_animated
@@ -56,6 +56,8 @@ class Edit:
             animation=AnimationBefore.of(self.tree),
             links=tuple(Link.of(link) for link in self.tree.links),
         )
+        for node in tagged(self.tree):
+            del node[TAG]  # pasted from an aged material: the artist's here
         own_action(self.tree, mark=True)
         self.place = own_groups(place)
         self.layout = Layout(self.tree, (*self.place.groups, self.place.principled)[0])
@@ -214,7 +216,7 @@ class Edit:
         image = bpy.data.images.load(str(path), check_existing=False)
         image.name = f"{self.material.name} {path.stem.rpartition('_')[0]}"
         image[TAG] = 1
-        image.colorspace_settings.name = "Non-Color"
+        set_as_data(image)
         image.alpha_mode = "NONE"
         image.filepath = _path(path)
         return image

@@ -24,7 +24,9 @@ __all__ = (
     "keyed_sockets",
     "load",
     "node_called",
+    "plays",
     "require_local",
+    "sequences",
     "store",
     "tagged",
 )
@@ -123,8 +125,8 @@ def store(material: bpy.types.Material, record: Record) -> None:
     material.tvbrdf.original = json.dumps({**head, **asdict(record)})
 
 
-def load(material: bpy.types.Material) -> Record:
-    """Reads the material's record; `MaterialError` where it is not what was written."""
+def load(material: bpy.types.Material, name: str) -> Record:
+    """Reads the material's record; where it is not what was written `MaterialError` on `name`."""
     try:
         data = json.loads(material.tvbrdf.original)
         if not isinstance(data, dict):
@@ -138,7 +140,7 @@ def load(material: bpy.types.Material) -> Record:
         return decoded(Record, data)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise MaterialError(
-            f"What “{material.name}” was before ageing cannot be read ({error}).",
+            f"What “{name}” was before ageing cannot be read ({error}).",
             "Update this extension if a newer one aged it; else append the material from an "
             "earlier save of the file.",
         ) from error
@@ -147,6 +149,18 @@ def load(material: bpy.types.Material) -> Record:
 def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     """The nodes that ageing added."""
     return [node for node in tree.nodes if TAG in node]
+
+
+def sequences(tree: bpy.types.NodeTree) -> list[bpy.types.ShaderNodeTexImage]:
+    """Those of them that play textures."""
+    textures = (node for node in tagged(tree) if node.type == "TEX_IMAGE" and node.image)
+    return [node for node in textures if node.image.source == "SEQUENCE"]
+
+
+def plays(material: bpy.types.Material) -> bool:
+    """Whether the material shows textures that change over time: it is aged and not frozen."""
+    tree = material.node_tree
+    return is_aged(material) and tree is not None and bool(sequences(tree))
 
 
 def _name(node: bpy.types.Node) -> str:
