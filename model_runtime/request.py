@@ -117,7 +117,9 @@ def cards(
         found = package.list_models(skipped=skipped)
     else:
         found = [package.read_card(package.find_model(ntm))]
-    return [{**card.details, "path": str(card.path)} for card in found]
+    return [
+        {"description": card.description, **card.details, "path": str(card.path)} for card in found
+    ]
 
 
 def option(name: str) -> str:
