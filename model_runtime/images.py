@@ -21,9 +21,10 @@ import OpenEXR
 import torch
 from PIL import Image, ImageFile, UnidentifiedImageError
 
-from .errors import InputError, OutputError, ran_out_of_memory, reason, shown
+from .errors import InputError, OutputError, reason, shown
 from .files import replaced
 from .maps import HALF_MAX, Halves, Pixels
+from .memory import ran_out_of_memory
 
 __all__ = ("EXTENSIONS", "MAX_SIDE", "Compression", "read_image", "resize", "write_exr")
 
