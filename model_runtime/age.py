@@ -20,11 +20,12 @@ from torch import Tensor
 from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
-from .errors import Cancelled, InputError, memory_in_words, shown
+from .errors import Cancelled, InputError, shown
 from .histories import CPU, fit_measured
 from .images import read_image, resize
 from .inputs import Material, hash_file, hash_input, input_files, read_input
 from .maps import PrincipledMaps, TorranceSparrowMaps
+from .memory import memory_in_words
 from .modelling import EFFORTS, Effort, model_texels
 from .onset import onset_map, rate_map
 from .package import ENCODER, ESTIMATOR, find_model

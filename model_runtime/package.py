@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .card import ModelCard, check_card, strict_json
-from .errors import ModelFileError, ran_out_of_memory, reason, shown
+from .errors import ModelFileError, reason, shown
 from .files import replaced
+from .memory import ran_out_of_memory
 
 if TYPE_CHECKING:
     from torch import Tensor

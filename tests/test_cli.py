@@ -61,6 +61,11 @@ def test_a_failure_is_one_sentence_and_exit_code_1(tmp_path: Path):
     [
         (["--frames", "0"], "--frames"),
         (["--frames", "-1"], "--frames"),
+        (["--frames", "1000000000"], "--frames"),
+        (["--size", "16385"], "--size"),
+        (["--seed", str(1 << 70)], "--seed"),
+        (["--tolerance", "1e300"], "--tolerance"),
+        (["--tolerance", "inf"], "--tolerance"),
         (["--frames", "many"], "--frames"),
         (["--size", "0"], "--size"),
         (["--quality", "best"], "--quality"),
@@ -110,6 +115,42 @@ def test_info_on_a_file_that_is_no_model(tmp_path: Path):
     done = command("info", "--ntm", tmp_path / "broken.safetensors")
     assert done.returncode == 1
     assert "broken.safetensors" in done.stderr
+
+
+def test_info_lists_the_others_and_says_which_file_it_skipped(tmp_path: Path):
+    card = {"name": "moss", "title": "Moss", "temporal_model": "affine"}
+    weights = {"weight": torch.zeros(2)}
+    save_model(tmp_path / "moss.safetensors", weights, card, kind="ntm")
+    for name, title in (("half", "\ud800"), ("code", "\x1b[2J" + "x" * 900_000), ("null", None)):
+        path = tmp_path / f"{name}.safetensors"
+        save_model(path, weights, card | {"title": title}, kind="ntm")
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom model_runtime import package\n"
+        "package.list_models.__defaults__ = ((Path(sys.argv.pop(1)),),)\n"
+        "from model_runtime.cli import main\nsys.exit(main(sys.argv[1:]))"
+    )
+
+    def info(*words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path), "info", *words],
+            capture_output=True,
+            text=True,
+            cwd=ROOT,
+            check=False,
+        )
+
+    done = info()
+    assert done.returncode == 0
+    assert done.stdout.split() == ["moss", "Moss:"]
+    said = done.stderr.splitlines()
+    assert len(said) == 3
+    for name, line in zip(("code", "half", "null"), said, strict=True):
+        assert f"{name}.safetensors" in line
+        assert len(line) < 300
+        assert line.isprintable()
+        alone = info("--ntm", str(tmp_path / f"{name}.safetensors"))
+        assert (alone.returncode, alone.stdout) == (1, "")
+        assert len(alone.stderr.splitlines()) == 1
 
 
 def test_a_python_without_torch_is_told_what_to_do(tmp_path: Path):
