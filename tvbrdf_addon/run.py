@@ -282,9 +282,10 @@ class Run:
         size = PREVIEW_SIZE * max(reading.tiles.columns, reading.tiles.rows)
         quick = {"output": str(place), "size": size, "quality": "draft"}
         request = request | quick
-        for _ in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
+        for message in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()
-            yield
+            if message is None:
+                yield
         material = self._material()
         bind(
             material=material,
@@ -316,6 +317,9 @@ class Run:
         for message in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()
             match message:
+                case None:
+                    # Only now: messages may come faster than steps are taken.
+                    yield
                 case Progress(stage, fraction):
                     if self._computing_since is None:
                         self._computing_since = time.monotonic()
@@ -324,7 +328,6 @@ class Run:
                     self.warnings.append(text)
                 case Done(result):
                     self.aged = result
-            yield
 
     def _bind(self, reading: Reading) -> None:
         from .material.bind import bind
