@@ -27,6 +27,7 @@ import shutil
 import stat
 import sys
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from .errors import OutputError
@@ -44,7 +45,7 @@ _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
 def places(folder: Path, token: str) -> tuple[Path, Path]:
-    """Where a result for `folder` may be staged: beside it, or within."""
+    """Where a result for `folder` may be staged: beside it, or within; `token` has 8 characters."""
     return (
         folder.parent / f".{folder.name}.partial-{token}",
         folder / f".aged.partial-{token}",
@@ -81,8 +82,10 @@ def require_free(folder: Path, names: Collection[str]) -> None:
 def commit(staging: Path, folder: Path, names: Collection[str]) -> None:
     """Move the files `names` and the report from `staging` into `folder`, for an earlier result.
 
-    Raises OutputError or OSError where that cannot be done; `folder` is then as it was.
+    The report lists them. Raises OutputError or OSError where that cannot be done; `folder` is then
+    as it was.
     """
+    assert set(names) <= (_reported(staging) or set()), "what is not listed cannot be put back"
     if not folder.exists():
         try:
             staging.rename(folder)
@@ -130,7 +133,8 @@ def _exchanged(staging: Path, folder: Path, new: set[str], old: set[str]) -> boo
     there = _names(folder)
     try:
         if not (
-            staging.parent == folder.parent
+            sys.platform == "linux"
+            and staging.parent == folder.parent
             and there <= old
             and _names(staging) == new
             and _owners(staging) == _owners(folder)
@@ -146,16 +150,15 @@ def _exchanged(staging: Path, folder: Path, new: set[str], old: set[str]) -> boo
         _exchange(staging, folder)
     except OSError:
         return False
-    for name in _names(staging) - there:  # it has just come
-        (staging / name).rename(folder / name)
+    with suppress(OSError):
+        for name in _names(staging) - there:  # it has just come
+            (staging / name).rename(folder / name)
     return True
 
 
 def _exchange(one: Path, other: Path) -> None:
-    renameat2 = None
-    if sys.platform == "linux":
-        renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if renameat2 is None:
+    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if renameat2 is None:  # of a C library that does not know it
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
     paths = os.fsencode(one), os.fsencode(other)
     if renameat2(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _RENAME_EXCHANGE):
@@ -210,7 +213,7 @@ def _recover(folder: Path) -> None:
 
 def _stagings(folder: Path) -> Iterator[Path]:
     for place in places(folder, ""):
-        for found in place.parent.glob(f"{glob.escape(place.name)}*"):
+        for found in place.parent.glob(f"{glob.escape(place.name)}????????"):
             if _is_folder(found):
                 yield found
 
@@ -219,14 +222,13 @@ def _reported(folder: Path) -> set[str] | None:
     """Names that the report in `folder` lists and that are named as ours; None without a report of
     ours. No path is followed.
     """
-    path = folder / REPORT
     try:
-        status = path.stat()
+        status = (folder / REPORT).stat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_REPORTED:
             return None
-        files = json.loads(path.read_text(encoding="utf-8"))["files"]
+        files = json.loads((folder / REPORT).read_text(encoding="utf-8"))["files"]
         return {name for name in _texts([*files.values()]) if _FRAME.fullmatch(name)}
-    except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
+    except (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
 
 
