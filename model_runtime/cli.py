@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from . import serve
-from .console import Terminal, fill_closed_streams, flushed, log_of, say, write_out
+from .console import Terminal, fill_closed_streams, flush, log_of, say, write_out
 from .errors import Cancelled, OutputError, TvbrdfError, UsageError
 from .request import CHOICES, MOST_FRAMES, cards, load_age, option, request_from
 from .signals import EndedBySignal, EndingSignals
@@ -33,7 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         say("model_runtime: Interrupted; nothing is left half-written.")
         code = 128 + (ending.received or 0)
     ending.ignore()  # what is left to do takes no time, and all is written
-    return flushed(code)
+    flush()
+    return code
 
 
 def _run(argv: Sequence[str] | None, ending: EndingSignals) -> int:
