@@ -30,7 +30,7 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from .errors import OutputError
+from .errors import OutputError, shown
 from .holding import held, hold, let_go
 from .signals import undisturbed
 
@@ -73,8 +73,8 @@ def require_free(folder: Path, names: Collection[str]) -> None:
     if taken:
         others = f" and {len(taken) - 1} more files" if len(taken) > 1 else ""
         raise OutputError(
-            f"{folder} holds {taken[0]}{others}, which no run has written and this one would "
-            "replace.",
+            f"{shown(folder)} holds {taken[0]}{others}, which no run has written and this one "
+            "would replace.",
             "Move away what is yours, or choose another output folder.",
         )
 

@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from .commit import REPORT, commit, require_free
-from .errors import OutputError
+from .errors import OutputError, reason, shown
 from .images import Compression, write_exr
 from .maps import Halves, Pixels
 from .signals import undisturbed
@@ -127,25 +127,24 @@ class StagedResult:
         for name, size in self._sizes.items():
             path = self._staging / name
             try:
-                found = path.stat().st_size
+                now = path.stat().st_size
             except OSError as error:
-                reason = f"cannot be found again ({error.strerror})"
+                what = f"cannot be found again ({reason(error)})"
             else:
-                if found == size:
+                if now == size:
                     continue
-                reason = f"has {found} bytes instead of {size}"
+                what = f"has {now} bytes instead of {size}"
             raise OutputError(
-                f"{path} was written and {reason}: another program has changed it.",
+                f"{shown(path)} was written and {what}: another program has changed it.",
                 "Run it again, and keep other programs out of that folder.",
             )
 
     def _unwritable(self, error: OSError | ValueError) -> OutputError:
-        reason = error
-        if isinstance(error, OSError):
-            reason = error.strerror
-            if error.filename and Path(error.filename).parent == self.folder:
-                reason = f"{Path(error.filename).name}: {reason}"
+        why = reason(error)
+        if isinstance(error, OSError) and error.filename:
+            path = Path(os.fsdecode(error.filename))
+            why = f"{path.name}: {why}" if path.parent == self.folder else why
         return OutputError(
-            f"The folder {self.folder} cannot be written ({reason}).",
+            f"The folder {shown(self.folder)} cannot be written ({why}).",
             "Choose a folder that can be written, with space left.",
         )

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from .commit import clear, places, recover
-from .errors import OutputError
+from .errors import OutputError, shown
 from .holding import held, hold, let_go
 from .signals import undisturbed
 
@@ -29,11 +29,13 @@ def found(folder: Path) -> Path:
     except FileNotFoundError:
         if folder.is_symlink():
             raise OutputError(
-                f"{folder} is a link that leads nowhere.", "Choose another output folder."
+                f"{shown(folder)} is a link that leads nowhere.", "Choose another output folder."
             ) from None
         return real
     if not stat.S_ISDIR(mode):
-        raise OutputError(f"{real} is a file, not a folder.", "Choose another output folder.")
+        raise OutputError(
+            f"{shown(real)} is a file, not a folder.", "Choose another output folder."
+        )
     return real
 
 
