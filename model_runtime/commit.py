@@ -5,11 +5,11 @@ held (`holding`) by the process that fills it: one that nobody holds was left by
 killed. There are three ways in, and the first that is open is taken:
 
 1. Where there is no folder yet, the staging folder becomes it.
-2. Where the folder holds an earlier result of ours and nothing else, the two change names in one
-   step. Only Linux can.
-3. Else file by file: what is to be replaced moves into `earlier` in the staging folder, the new
-   files move to its place, and the report last. Until that has moved everything can be put back,
-   at once where a file cannot be moved, or by the next who comes (`recover`).
+2. Where the folder holds files only, those that are not ours are linked into the staging folder,
+   and the two change names in one step. Only Linux can.
+3. Else file by file: what is to be replaced moves aside, into the staging folder, the new files
+   move to its place, and the report last. Until that has moved everything can be put back, at once
+   where a file cannot be moved, or by the next who comes (`recover`).
 
 This holds against the end of the process, not against the loss of power: nothing is forced onto
 the disk. Standard library only.
@@ -38,7 +38,7 @@ __all__ = ("REPORT", "clear", "commit", "is_free", "places", "recover", "require
 
 REPORT = "aged.json"
 
-_EARLIER = "earlier"
+_EARLIER = ".aged.earlier"
 _FRAME = re.compile(r"[a-z_]+_[0-9]{4,}\.exr")
 _MOST_REPORTED = 1 << 26  # bytes
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
@@ -135,13 +135,14 @@ def _exchanged(staging: Path, folder: Path, new: set[str], old: set[str]) -> boo
         if not (
             sys.platform == "linux"
             and staging.parent == folder.parent
-            and there <= old
             and _names(staging) == new
             and _owners(staging) == _owners(folder)
             and not folder.samefile(Path.cwd())
         ):
             return False
-        for name in there:
+        for name in there - old:
+            os.link(folder / name, staging / name, follow_symlinks=False)
+        for name in there & old:
             # What must not be linked must not be removed either: its owner has locked it.
             os.link(folder / name, staging / _EARLIER, follow_symlinks=False)
             (staging / _EARLIER).unlink()
@@ -151,8 +152,9 @@ def _exchanged(staging: Path, folder: Path, new: set[str], old: set[str]) -> boo
     except OSError:
         return False
     with suppress(OSError):
-        for name in _names(staging) - there:  # it has just come
-            (staging / name).rename(folder / name)
+        for name in _names(staging) - old:
+            if not _is_same(staging / name, folder / name):  # it has just come, or been saved
+                (staging / name).replace(folder / name)
     return True
 
 
@@ -243,6 +245,10 @@ def _texts(value: object) -> Iterator[str]:
 
 def _names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    return os.path.lexists(other) and os.path.samestat(one.lstat(), other.lstat())
 
 
 def _is_folder(path: Path) -> bool:

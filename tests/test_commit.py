@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from model_runtime import commit, holding
+from model_runtime import commit, holding, staging
 from model_runtime.commit import REPORT, recover
 from model_runtime.errors import OutputError
 from tests.commit_steps import COMPLETE, FAILED, HINDERED, UNEXPECTED
@@ -54,7 +54,9 @@ def contents(folder: Path) -> dict[str, str]:
     """Every file that is seen in `folder`, which may not be there."""
     if not folder.exists():
         return {}
-    return {path.name: path.read_text() for path in folder.iterdir() if path.name[0] != "."}
+    if (folder / "renders").exists():
+        assert (folder / "renders" / "kd_0001.exr").read_text() == "mine"
+    return {path.name: path.read_text() for path in folder.glob("[!.]*") if path.is_file()}
 
 
 def leftovers(folder: Path) -> list[str]:
@@ -90,15 +92,24 @@ def shared(folder: Path) -> dict[str, str]:
     return OLD | MINE
 
 
+def deep(folder: Path) -> dict[str, str]:
+    """And with a folder of the user's."""
+    shared(folder)
+    (folder / "renders").mkdir()
+    (folder / "renders" / "kd_0001.exr").write_text("mine")
+    return OLD | MINE
+
+
 linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two folders")
 posix = pytest.mark.skipif(sys.platform == "win32", reason="needs forks")
 AT_ONCE = [
     pytest.param(nothing, "beside", id="new"),
     pytest.param(empty, "beside", id="empty", marks=linux),
     pytest.param(earlier, "beside", id="earlier", marks=linux),
+    pytest.param(shared, "beside", id="shared", marks=linux),
 ]
 BY_FILE = [
-    pytest.param(shared, "beside", id="shared"),
+    pytest.param(deep, "beside", id="deep"),
     pytest.param(earlier, "within", id="within"),
     pytest.param(empty, "within", id="empty-within"),
 ]
@@ -115,14 +126,15 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(("setting", "place"), AT_ONCE)
 def test_killed_at_any_step_it_leaves_the_old_result_or_the_new_one(folder, setting, place):
     before, found = setting(folder), []
+    mine = {name: text for name, text in before.items() if name in MINE}
     for copy, status in steps("kill", folder.parent, place):
         assert status in (-signal.SIGKILL, COMPLETE)
         found.append(contents(copy))
         recover(copy)
         assert contents(copy) == found[-1]
         assert leftovers(copy) == []
-    assert all(each in (before, NEW) for each in found)
-    assert (found[0], found[-1]) == (before, NEW)
+    assert all(each in (before, NEW | mine) for each in found)
+    assert (found[0], found[-1]) == (before, NEW | mine)
 
 
 @posix
@@ -144,7 +156,7 @@ def test_killed_between_two_files_the_next_one_puts_everything_back(folder, sett
 @posix
 def test_killed_at_any_step_of_putting_back_the_next_one_goes_on(folder):
     """Of commits that were killed when all was still aside, and when all but the report was in."""
-    before = shared(folder)
+    before = deep(folder)
     copies = [copy for copy, _ in steps("kill", folder.parent, "beside")]
     mixed = [copy for copy in copies if contents(copy) not in (before, NEW | MINE)]
     for half_committed in (mixed[len(OLD) - 2], mixed[-1]):
@@ -184,9 +196,10 @@ def test_where_the_disk_goes_away_the_next_one_puts_everything_back(folder, sett
         (nothing, ["beside"] * 4),
         (earlier, ["beside"] * 4),
         (shared, ["beside"] * 4),
+        (deep, ["beside"] * 4),
         (earlier, ["beside", "within", "beside", "within"]),
     ],
-    ids=["new", "earlier", "shared", "both ways"],
+    ids=["new", "earlier", "shared", "deep", "both ways"],
 )
 def test_runs_that_finish_together_do_not_mix(folder, setting, places):
     mine = {name: text for name, text in setting(folder).items() if name in MINE}
@@ -199,13 +212,34 @@ def test_runs_that_finish_together_do_not_mix(folder, setting, places):
         shutil.rmtree(copy.parent)
 
 
-def stage(folder: Path, names: list[str]) -> Path:
-    staging = commit.places(folder, "mine____")[0]
-    staging.mkdir()
-    for name in names:
-        (staging / name).write_text("new")
-    (staging / REPORT).write_text(json.dumps({"files": {"kd": names}}))
-    return staging
+def stage_and_commit(folder: Path, names: list[str]) -> None:
+    with staging.staging(folder) as staged:
+        for name in names:
+            (staged / name).write_text("new")
+        (staged / REPORT).write_text(json.dumps({"files": {"kd": names}}))
+        commit.commit(staged, folder, names)
+
+
+@linux
+def test_what_the_user_saves_in_between_stays(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """While the folders change places: over what was there, beside it, and in place."""
+    exchange = commit._exchange
+
+    def save_and_exchange(*folders: Path) -> None:
+        (folder / "saved.tmp").write_text("saved")
+        (folder / "saved.tmp").replace(folder / "notes.txt")
+        (folder / "render.png").write_text("rendered")
+        (folder / "kd_0099.exr").write_text("painted")
+        exchange(*folders)
+
+    monkeypatch.setattr(commit, "_exchange", save_and_exchange)
+    shared(folder)
+    names = ["kd_0001.exr"]
+    stage_and_commit(folder, names)
+    saved = {"notes.txt": "saved", "render.png": "rendered", "kd_0099.exr": "painted"}
+    assert contents(folder).items() >= saved.items()
+    assert sorted(contents(folder)) == sorted([*saved, *names, REPORT])
+    assert leftovers(folder) == []
 
 
 class TestHeld:
@@ -214,7 +248,7 @@ class TestHeld:
         monkeypatch.setattr(holding, "_PATIENCE", 0.1)
         held = holding.hold(folder)
         with pytest.raises(OutputError, match="Another run has been writing"):
-            commit.commit(stage(folder, ["kd_0001.exr"]), folder, ["kd_0001.exr"])
+            stage_and_commit(folder, ["kd_0001.exr"])
         holding.let_go(folder, held)
         assert contents(folder) == OLD
 
@@ -245,12 +279,9 @@ class TestHeld:
         earlier(folder)
         living = commit.places(folder, "living__")[0]
         living.mkdir()
-        for module in (commit, holding):
+        for module in (commit, holding, staging):
             monkeypatch.setattr(module, "hold", refuse)
-        names = ["kd_0001.exr"]
-        staging = stage(folder, names)
-        commit.commit(staging, folder, names)
-        commit.clear(staging)
+        stage_and_commit(folder, ["kd_0001.exr"])
         assert contents(folder)["kd_0001.exr"] == "new"
         assert leftovers(folder) == [living.name]  # whether its owner lives cannot be told
 
@@ -272,11 +303,7 @@ class TestHeld:
         with pytest.raises(BlockingIOError):
             holding.hold(living)
         names = ["kd_0001.exr", "kd_0002.exr"]
-        staging = stage(folder, names)
-        mine = holding.hold(staging)
-        commit.commit(staging, folder, names)
-        holding.let_go(staging, mine)
-        commit.clear(staging)
+        stage_and_commit(folder, names)
         assert sorted(contents(folder)) == [REPORT, *names]
         assert leftovers(folder) == [living.name]
         holding.let_go(living, held)
