@@ -131,14 +131,21 @@ def test_what_cannot_be_baked_is_refused_in_a_sentence(tmp_path, spoil, words):
     assert words in refusal(material, obj, tmp_path)
 
 
-@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
-def test_numbers_that_are_none_are_taken_out_of_a_mesh(tmp_path, number):
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e30])
+def test_places_that_are_no_numbers(tmp_path, number):
     material = baked_material()
     obj = plane(material)
     obj.data.vertices[0].co.x = number
-    obj.data.uv_layers[0].data[2].uv.x = number
     read(material, obj, tmp_path)
     assert all(np.isfinite(values).all() for values in read_maps(tmp_path / "maps").values())
+    obj.data.uv_layers[0].data[2].uv.x = number
+    if np.isnan(number):  # Blender makes it 0
+        read(material, obj, tmp_path)
+    else:
+        assert "outside the square" in refusal(material, obj, tmp_path)
+    material = new_material()
+    obj.data.materials[0] = material
+    read(material, obj, tmp_path)
 
 
 def test_faces_that_come_later_are_baked_then(tmp_path):

@@ -31,6 +31,8 @@ Array = NDArray[np.float32]
 _NO_AREA = 1e-9
 # Of a square, how far UVs may reach beyond it before they lie on another: rounding, half texels.
 _BEYOND = 0.05
+# What is infinite, or nearly, lies here: outside of everything.
+_FARTHEST = 1e6
 
 
 def active_uv_map(mesh: bpy.types.Mesh) -> str | None:
@@ -175,7 +177,7 @@ def triangles(mesh: bpy.types.Mesh, slots: Sequence[bool], uv_map: str) -> tuple
     uv = np.empty(len(mesh.loops) * 2, np.float32)
     mesh.uv_layers[uv_map].data.foreach_get("uv", uv)
     loops = _of_triangles(mesh, "loops", 3)[_shown(mesh, slots)]
-    return corners, uv.reshape(-1, 2)[loops]
+    return corners, uv.reshape(-1, 2)[loops].clip(-_FARTHEST, _FARTHEST)
 
 
 def _corners(mesh: bpy.types.Mesh, slots: Sequence[bool]) -> Array:
