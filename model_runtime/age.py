@@ -15,15 +15,18 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
+from .compose import AgedTexels
+from .coverage import nearest_covered
 from .errors import Cancelled, InputError, shown
 from .histories import CPU, fit_measured
 from .images import read_image, resize
-from .inputs import Material, hash_file, hash_input, input_files, read_input
+from .inputs import Material, hash_file, hash_input, input_files, read_covered, read_input
 from .maps import PrincipledMaps, TorranceSparrowMaps
 from .memory import memory_in_words
 from .modelling import EFFORTS, Effort, model_texels
@@ -148,6 +151,8 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         with _unchanged(*input_files(request.input)):
             material = read_input(request.input, size=request.size)
             hashes["input"] = hash_input(request.input)
+            maps_size = (1, 1) if isinstance(material, MeasuredBRDF) else material.size
+            covered = read_covered(request.input, maps_size)
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
         onset, rate = timing_maps(request, ntm, size)
@@ -162,16 +167,18 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     pixels = size[0] * size[1] * request.frames
     check_space(request.output, pixels * _BYTES_PER_TEXEL, len(names))
     with run.timed("model"):
-        rung = _rung(run, ntm, initial)
+        texels = _Texels(initial, _flat(onset), _flat(rate))
+        counted = texels if covered is None else texels.where(covered)
+        rung = _rung(run, ntm, counted.initial)
         aged = model_texels(
-            initial,
+            counted.initial,
             ntm,
             rung,
             representation,
             effort,
             estimator=estimator,
-            onset=None if onset is None else torch.from_numpy(onset.reshape(-1)),
-            rate=None if rate is None else torch.from_numpy(rate.reshape(-1)),
+            onset=counted.onset,
+            rate=counted.rate,
             tolerance=request.tolerance,
             specular=request.specular,
             measured=material if isinstance(material, MeasuredBRDF) else None,
@@ -179,10 +186,12 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
             step=lambda share: run.progress("modelling the change", 0.05 + 0.35 * share),
             warn=run.warn,
         )
+        if covered is not None:
+            aged = texels.beside(aged, covered)
     palette, histories = aged.palette, aged.histories
     times = np.linspace(0, 1, request.frames).tolist()
     with run.timed("write"):
-        maps = maps_of(aged, material, size, wanted, times)
+        maps = maps_of(aged, material, size, wanted, times, covered=covered)
         if maps.format != wanted:
             run.warn(
                 "Some texels reflect more than the exact Principled mapping can hold (Ks above "
@@ -212,7 +221,7 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         "temporal_model": rung,
         "palette": len(palette.entries),
         "plan": savings(
-            texels=len(initial),
+            texels=len(counted.initial),
             modelled=len(palette.entries),
             interval=effort.interval,
             files=files,
@@ -268,6 +277,37 @@ def initial_states(
         ks = np.repeat(ks.mean(-1, keepdims=True), 3, -1)
     flat = np.concatenate((maps.kd, ks, maps.alpha[..., None]), -1, dtype=np.float32)
     return torch.from_numpy(flat.reshape(-1, 7)), maps.size, 0.0
+
+
+@dataclass(frozen=True)
+class _Texels:
+    """Initial states [n, 7], and when [n] and how fast [n] they age, row by row of the image."""
+
+    initial: Tensor
+    onset: Tensor | None
+    rate: Tensor | None
+
+    def where(self, covered: NDArray[np.bool_]) -> _Texels:
+        """Those that are `covered` [H, W]."""
+        rows = torch.from_numpy(np.flatnonzero(covered))
+        return _Texels(
+            self.initial[rows],
+            None if self.onset is None else self.onset[rows],
+            None if self.rate is None else self.rate[rows],
+        )
+
+    def beside(self, aged: AgedTexels, covered: NDArray[np.bool_]) -> AgedTexels:
+        """All, of which `aged` are the covered ones: the others follow the nearest of these."""
+        place = np.cumsum(covered) - 1
+        rows = torch.from_numpy(place[nearest_covered(covered).reshape(-1)])
+        palette = dataclasses.replace(aged.palette, index=aged.palette.index[rows])
+        return dataclasses.replace(
+            aged, initial=self.initial, palette=palette, onset=self.onset, rate=self.rate
+        )
+
+
+def _flat(pixels: np.ndarray | None) -> Tensor | None:
+    return None if pixels is None else torch.from_numpy(pixels.reshape(-1))
 
 
 def timing_maps(

@@ -99,6 +99,13 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
     # All edits are made in the last step, so that one undo takes them back.
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
+    object: bpy.props.StringProperty(
+        name="Object",
+        description="Name of the object that the material is read from; empty for one that shows "
+        "it, the active one if it can be",
+        options={"SKIP_SAVE"},
+    )
+
     _run: Run
 
     @classmethod
@@ -121,7 +128,7 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            run = session.age_and_wait(*self.target(context))
+            run = session.age_and_wait(*self.target(context), self.object)
         except (Exception, KeyboardInterrupt) as error:
             return self.refuse(error)
         for warning in run.warnings:
@@ -135,7 +142,8 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
             return self.execute(context)
         try:
             material, scene = self.target(context)
-            self._run = session.begin(material, scene, preview=is_worth_a_preview(material, scene))
+            preview = is_worth_a_preview(material, scene)
+            self._run = session.begin(material, scene, self.object, preview=preview)
         except Exception as error:
             return self.refuse(error)
         _timer = context.window_manager.event_timer_add(TICK, window=context.window)

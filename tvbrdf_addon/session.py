@@ -59,10 +59,17 @@ def outcome() -> Outcome | None:
     return _outcome
 
 
-def begin(material: bpy.types.Material, scene: bpy.types.Scene, *, preview: bool = False) -> Run:
+def begin(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    object_name: str = "",
+    *,
+    preview: bool = False,
+) -> Run:
     """A run that ages `material`, to be stepped until it ends and then given to `finish`.
 
-    With `preview` it first shows a small draft, for somebody who watches.
+    It is read from the object called `object_name`, or else from one that shows it.  With `preview`
+    it first shows a small draft, for somebody who watches.
 
     Raises:
         SettingsError: another run goes on.
@@ -73,7 +80,7 @@ def begin(material: bpy.types.Material, scene: bpy.types.Scene, *, preview: bool
         raise SettingsError(
             f"{_current.plan.material_name} is being aged.", "Wait for it to end, or cancel it."
         )
-    _current = Run(plan(material, scene), _warm_worker(), preview=preview)
+    _current = Run(plan(material, scene, object_name), _warm_worker(), preview=preview)
     return _current
 
 
@@ -89,15 +96,18 @@ def finish(run: Run, *, icon: str, sentences: tuple[str, ...]) -> None:
 def age_and_wait(
     material: bpy.types.Material,
     scene: bpy.types.Scene,
+    object_name: str = "",
     *,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Run:
     """Age `material` here and now, printing progress; the run, at its end.
 
+    It is read from the object called `object_name`, or else from one that shows it.
+
     Raises:
         TvbrdfError: as `Run.step`.
     """
-    run = begin(material, scene)
+    run = begin(material, scene, object_name)
     sentences: tuple[str, ...] = ()
     said = ""
     try:

@@ -39,7 +39,8 @@ bind(uniform, None, made_up(folder / "uniform", size=1), folder)
 bpy.context.scene.frame_set(4)
 print("uniform", round(principled_of(uniform).inputs["Roughness"].default_value, 3))
 emitting(material)
-print("texture", *(round(float(v), 3) for v in render(folder / "r.exr", 4, size=4, samples=1)[1, 1]))
+shown = render(folder / "r.exr", 4, size=4, samples=1)[1, 1]
+print("texture", *(round(float(v), 3) for v in shown))
 tvbrdf.unregister()
 """
 
