@@ -18,7 +18,7 @@ from typing import Any
 from .commit import REPORT, clear, commit, places, recover, require_free
 from .errors import OutputError
 from .holding import hold, let_go
-from .images import Compression, write_exr
+from .images import Compression, Depth, write_exr
 from .maps import Halves, Pixels
 from .signals import undisturbed
 
@@ -91,12 +91,20 @@ class StagedResult:
         """Raise OutputError where a file of `names` would replace one that is not ours."""
         require_free(self.folder, names)
 
-    def write(self, name: str, pixels: Pixels | Halves) -> None:
+    def write(
+        self,
+        name: str,
+        pixels: Pixels | Halves,
+        *,
+        compression: Compression | None = None,
+        depth: Depth = "half",
+    ) -> None:
         """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or
         later.
         """
         self._settle(_QUEUED)
-        self._pending.append((name, self._pool.submit(self._write, name, pixels)))
+        how = compression or self._compression, depth
+        self._pending.append((name, self._pool.submit(self._write, name, pixels, *how)))
 
     def finish(self) -> None:
         """Wait until everything queued is written."""
@@ -165,10 +173,12 @@ class StagedResult:
             each.mkdir(exist_ok=True)
             self._leaving.callback(_remove_empty, each)
 
-    def _write(self, name: str, pixels: Pixels | Halves) -> int:
+    def _write(
+        self, name: str, pixels: Pixels | Halves, compression: Compression, depth: Depth
+    ) -> int:
         """Write an image; its size in bytes."""
         path = self._staging / name
-        write_exr(path, pixels, compression=self._compression)
+        write_exr(path, pixels, compression=compression, depth=depth)
         return path.stat().st_size
 
     def _settle(self, allowed: int) -> None:
