@@ -8,8 +8,10 @@ import dataclasses
 import shlex
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -24,9 +26,13 @@ from .brdf.measured import MeasuredBRDF
 from .compose import AgedTexels
 from .coverage import nearest_covered
 from .errors import Cancelled, InputError, shown
+from .fit import USUAL
 from .histories import CPU, fit_measured
 from .images import read_image, resize
 from .inputs import Material, hash_file, hash_input, input_files, read_covered, read_input
+from .live.files import live_names, write_live
+from .live.fitting import Fitted, fit_live
+from .live.low_rank import MOST_COEFFICIENTS
 from .maps import PrincipledMaps, TorranceSparrowMaps
 from .memory import memory_in_words
 from .modelling import EFFORTS, Effort, model_texels
@@ -44,7 +50,12 @@ __all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _UNIFORM_SIZE = 512
-_BYTES_PER_TEXEL = 12  # of a frame's half-float maps, compressed or not
+_BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
+_BYTES_A_FILE = 6  # likewise, of three colors
+_NOT_LIVE = (
+    f"No sum of {MOST_COEFFICIENTS} coefficients a texel comes near enough to this change, so its "
+    "frames were written instead; a lower tolerance may allow it."
+)
 
 
 @dataclass(frozen=True)
@@ -62,6 +73,7 @@ class AgeRequest:
     onset: str = "auto"
     specular: Literal["rgb", "mono"] = "rgb"
     format: Format | None = None
+    binding: Literal["auto", "live", "frames"] = "frames"
     sparse: bool = False
     seed: int = 0
 
@@ -162,71 +174,91 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     wanted = request.format or (
         "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
     )
-    names = file_names(wanted, request.frames)
-    staged.require_free(names)
-    pixels = size[0] * size[1] * request.frames
-    check_space(request.output, pixels * _BYTES_PER_TEXEL, len(names))
+    live_wanted = request.binding != "frames" and size != (1, 1)
+    pixels = size[0] * size[1]
+
+    def check_room(*, live: bool) -> None:
+        names = live_names() if live else file_names(wanted, request.frames)
+        staged.require_free(names)
+        needed = len(names) * _BYTES_A_FILE if live else request.frames * _BYTES_A_FRAME
+        check_space(request.output, pixels * needed, len(names))
+
+    check_room(live=live_wanted)
+    texels = _Texels(initial, _flat(onset), _flat(rate))
+    counted = texels if covered is None else texels.where(covered)
+    rung = _rung(run, ntm, counted.initial)
+    model = partial(
+        model_texels,
+        ntm=ntm,
+        rung=rung,
+        representation=representation,
+        estimator=estimator,
+        tolerance=request.tolerance,
+        specular=request.specular,
+        measured=material if isinstance(material, MeasuredBRDF) else None,
+        device=_device(),
+        warn=run.warn,
+    )
     with run.timed("model"):
-        texels = _Texels(initial, _flat(onset), _flat(rate))
-        counted = texels if covered is None else texels.where(covered)
-        rung = _rung(run, ntm, counted.initial)
-        aged = model_texels(
+        modelled = model(
             counted.initial,
-            ntm,
-            rung,
-            representation,
-            effort,
-            estimator=estimator,
+            effort=effort,
             onset=counted.onset,
             rate=counted.rate,
-            tolerance=request.tolerance,
-            specular=request.specular,
-            measured=material if isinstance(material, MeasuredBRDF) else None,
-            device=_device(),
             step=lambda share: run.progress("modelling the change", 0.05 + 0.35 * share),
-            warn=run.warn,
         )
-        if covered is not None:
-            aged = texels.beside(aged, covered)
-    palette, histories = aged.palette, aged.histories
+
+    def each_for_itself(some: Tensor) -> AgedTexels:
+        fit = (effort.fit or USUAL) if effort.checked else effort.fit
+        own = replace(effort, step=0.0, checked=False, fit=fit)
+        return model(some, effort=own, onset=None if onset is None else torch.zeros(len(some)))
+
+    live: Fitted | None = None
+    if live_wanted:
+        with run.timed("fit"):
+            run.progress("finding what texels share", 0.4)
+            live = fit_live(modelled, request.tolerance, each_for_itself)
+        if live is None:
+            if request.binding == "live":
+                run.warn(_NOT_LIVE)
+            check_room(live=False)
     times = np.linspace(0, 1, request.frames).tolist()
     with run.timed("write"):
-        maps = maps_of(aged, material, size, wanted, times, covered=covered)
-        if maps.format != wanted:
+        run.progress("writing", 0.4)
+        aged = modelled if covered is None else texels.beside(modelled, covered)
+        if live is not None:
+            compression = "rle" if effort.compression == "none" else effort.compression
+            format, files = write_live(live.sum, aged, size, wanted, staged, compression)
+        else:
+            maps = maps_of(aged, material, size, wanted, times, covered=covered)
+            format, files = maps.format, _write(run, Frames(maps, times, effort.interval), staged)
+        if format != wanted:
             run.warn(
                 "Some texels reflect more than the exact Principled mapping can hold (Ks above "
                 "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
             )
-
-        frames = Frames(maps, times, effort.interval)
-
-        def step(fraction: float) -> None:
-            run.progress("writing", 0.4 + 0.6 * fraction)
-
-        files: dict[str, Any]
-        if request.sparse:
-            files = write_stored_frames(
-                frames, staged, step, tolerance=request.tolerance, seed=request.seed
-            )
-        else:
-            files = write_frames(frames, staged, step)
         staged.finish()
     report = {
-        "format": maps.format,
+        "format": format,
+        "binding": "frames" if live is None else "live",
+        "coefficients": 0 if live is None else live.coefficients,
         "ntm": ntm.card.name,
         "frames": request.frames,
         "times": [round(time, 6) for time in times],
         "size": list(size),
         "quality": request.quality,
         "temporal_model": rung,
-        "palette": len(palette.entries),
+        "palette": len(modelled.palette.entries),
         "plan": savings(
             texels=len(counted.initial),
-            modelled=len(palette.entries),
+            modelled=len(modelled.palette.entries),
             interval=effort.interval,
             files=files,
+            coefficients=None if live is None else live.coefficients,
+            not_live=live_wanted and live is None,
         ),
-        "fit_error": round(max(fit_error, histories.fit_error), 6),
+        "fit_error": round(max(fit_error, modelled.histories.fit_error), 6),
+        **({} if live is None else {"error_db": live.error_db}),
         "warnings": run.warnings,
         "seconds": run.seconds,
         "peak_rss_mb": _peak_rss_mb(),
@@ -240,6 +272,20 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     }
     staged.commit(report)
     return report
+
+
+def _write(run: _Run, frames: Frames, staged: StagedResult) -> dict[str, Any]:
+    """Write all frames, or those that are stored; returns `files` of `aged.json`."""
+    request = run.request
+
+    def step(fraction: float) -> None:
+        run.progress("writing", 0.4 + 0.6 * fraction)
+
+    if request.sparse:
+        return write_stored_frames(
+            frames, staged, step, tolerance=request.tolerance, seed=request.seed
+        )
+    return write_frames(frames, staged, step)
 
 
 @contextmanager
@@ -326,10 +372,9 @@ def timing_maps(
     if request.onset == "auto":
         side = request.size or _UNIFORM_SIZE
         shape = (side, side) if size == (1, 1) else size
-        return (
-            onset_map(process, shape, seed=seed, timing=timing),
-            rate_map(process, shape, seed=seed, timing=timing),
-        )
+        with ThreadPoolExecutor(1) as beside:
+            rate = beside.submit(rate_map, process, shape, seed=seed, timing=timing)
+            return onset_map(process, shape, seed=seed, timing=timing), rate.result()
     onset = read_image(Path(request.onset), color=False)
     if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):
         raise InputError(

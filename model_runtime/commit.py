@@ -39,7 +39,7 @@ __all__ = ("REPORT", "clear", "commit", "is_free", "places", "recover", "require
 REPORT = "aged.json"
 
 _EARLIER = ".aged.earlier"
-_FRAME = re.compile(r"[a-z_]+_[0-9]{4,}\.exr")
+_OURS = re.compile(r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.exr|timing\.exr|curves\.exr")
 _MOST_REPORTED = 1 << 26  # bytes
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
@@ -229,7 +229,7 @@ def _reported(folder: Path) -> set[str] | None:
         if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_REPORTED:
             return None
         files = json.loads((folder / REPORT).read_text(encoding="utf-8"))["files"]
-        return {name for name in _texts([*files.values()]) if _FRAME.fullmatch(name)}
+        return {name for name in _texts([*files.values()]) if _OURS.fullmatch(name)}
     except (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
 

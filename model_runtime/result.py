@@ -14,7 +14,7 @@ from typing import Any
 
 from .commit import REPORT, commit, require_free
 from .errors import OutputError, reason, shown
-from .images import Compression, write_exr
+from .images import Compression, Depth, write_exr
 from .maps import Halves, Pixels
 from .signals import undisturbed
 from .staging import found, staging
@@ -85,12 +85,20 @@ class StagedResult:
         """Raise OutputError where a file of `names` would replace one that is not ours."""
         require_free(self.folder, names)
 
-    def write(self, name: str, pixels: Pixels | Halves) -> None:
+    def write(
+        self,
+        name: str,
+        pixels: Pixels | Halves,
+        *,
+        compression: Compression | None = None,
+        depth: Depth = "half",
+    ) -> None:
         """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or
         later.
         """
         self._settle(_QUEUED)
-        self._pending.append((name, self._pool.submit(self._write, name, pixels)))
+        how = compression or self._compression, depth
+        self._pending.append((name, self._pool.submit(self._write, name, pixels, *how)))
 
     def finish(self) -> None:
         """Wait until everything queued is written."""
@@ -108,10 +116,12 @@ class StagedResult:
         except OSError as error:
             raise self._unwritable(error) from error
 
-    def _write(self, name: str, pixels: Pixels | Halves) -> int:
+    def _write(
+        self, name: str, pixels: Pixels | Halves, compression: Compression, depth: Depth
+    ) -> int:
         """Write an image; its size in bytes."""
         path = self._staging / name
-        write_exr(path, pixels, compression=self._compression)
+        write_exr(path, pixels, compression=compression, depth=depth)
         return path.stat().st_size
 
     def _settle(self, allowed: int) -> None:

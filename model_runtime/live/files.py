@@ -1,0 +1,121 @@
+"""The files of a live material, beside `aged.json`.
+
+`timing.exr` (absent where the age is the time) and `coefficients_0.exr ...`, three coefficients
+each, are textures of half floats; `curves.exr` is a table of single floats (`Curves.packed`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..brdf.principled import EXACT_F0
+from ..compose import AgedTexels
+from ..images import Compression, read_image
+from ..maps import Halves
+from ..result import REPORT, StagedResult
+from ..writing import Format
+from .evaluate import COEFFICIENTS_A_FILE, Curves, LiveMaps
+from .low_rank import MOST_COEFFICIENTS, LowRank
+
+__all__ = ("CURVES", "TIMING", "live_names", "read_live", "write_live")
+
+CURVES = "curves.exr"
+TIMING = "timing.exr"
+
+_BAND = 1 << 15  # texels worked on at a time: what they need stays in the cache
+_HISTORIES = 1 << 12  # likewise, with all ages
+_NEAR = 0.25  # of reflectance: texels differ by less from their entry
+
+
+def live_names() -> list[str]:
+    """Every file that a live material may have."""
+    return [TIMING, CURVES, *map(_coefficients, range(MOST_COEFFICIENTS // COEFFICIENTS_A_FILE))]
+
+
+def _coefficients(number: int) -> str:
+    return f"coefficients_{number}.exr"
+
+
+def write_live(
+    found: LowRank,
+    aged: AgedTexels,
+    size: tuple[int, int],
+    format: Format,
+    staged: StagedResult,
+    compression: Compression,
+) -> tuple[Format, dict[str, Any]]:
+    """Write what a shader needs to show `aged`, an image of `size`, as the sum `found`; returns
+    the format it is to show it in and `files` of `aged.json`.
+
+    "principled-exact" is replaced by "torrance-sparrow" where any texel at any age is beyond what
+    it can hold.
+    """
+    files: dict[str, Any] = {"curves": CURVES}
+    staged.write(CURVES, found.curves().packed(), depth="single")
+    if aged.onset is not None:
+        files["timing"] = TIMING
+        rate = torch.ones(()) if aged.rate is None else aged.rate
+        staged.write(TIMING, _image((aged.onset, rate), size), compression=compression)
+    coefficients = torch.empty(len(found.shapes), len(aged.initial), dtype=torch.half)
+    for start in range(0, len(aged.initial), _BAND):
+        band = slice(start, start + _BAND)
+        coefficients[:, band] = found.of(aged.initial[band], aged.palette.index[band]).T
+    files["coefficients"] = []
+    for first in range(0, len(coefficients), COEFFICIENTS_A_FILE):
+        files["coefficients"].append(_coefficients(first // COEFFICIENTS_A_FILE))
+        some = _image(coefficients[first : first + COEFFICIENTS_A_FILE], size)
+        staged.write(files["coefficients"][-1], some, compression=compression)
+    if format == "principled-exact" and not _representable(found, aged):
+        format = "torrance-sparrow"
+    return format, files
+
+
+def _image(planes: Iterable[Tensor], size: tuple[int, int]) -> Halves:
+    """[H, W, 3] of at most three planes [H W], or of one value; what is missing is 0."""
+    image = torch.zeros(3, size[0] * size[1], dtype=torch.half)
+    for channel, plane in zip(image, planes, strict=False):
+        channel.copy_(plane)
+    return np.moveaxis(image.numpy().reshape(3, *size), 0, -1)
+
+
+def _representable(found: LowRank, aged: AgedTexels) -> bool:
+    """Whether "principled-exact" can hold the sum of every texel at every age."""
+    entries, index = aged.palette.entries, aged.palette.index
+    headroom = torch.cat(
+        [
+            _headroom(found, entries[band], band)
+            for band in torch.arange(len(entries)).split(_HISTORIES)
+        ]
+    )
+    # Only texels of entries that come near to the limit can be beyond it.
+    near = (headroom < _NEAR)[index].nonzero()[:, 0]
+    return all(
+        bool((_headroom(found, aged.initial[rows], index[rows]) >= 0).all())
+        for rows in near.split(_HISTORIES)
+    )
+
+
+def _headroom(found: LowRank, initial: Tensor, entry: Tensor) -> Tensor:
+    """[n]: how far texels stay, at every age, below what "principled-exact" can hold."""
+    kd, ks, _ = found.at_ages(initial, entry).split((3, 3, 1), -1)
+    strongest = ks.amax(-1)
+    return torch.minimum(EXACT_F0 - strongest, 1 - strongest - kd.amax(-1)).amin(1)
+
+
+def read_live(folder: Path) -> LiveMaps:
+    """What `write_live` wrote to `folder`."""
+    report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+    files: Mapping[str, Any] = report["files"]
+    curves = Curves.unpacked(read_image(folder / files["curves"], color=True))
+    timing = read_image(folder / files["timing"], color=True) if "timing" in files else None
+    height, width = report["size"]
+    images = [read_image(folder / name, color=True) for name in files["coefficients"]]
+    coefficients = np.concatenate((np.empty((height, width, 0), np.float32), *images), -1)
+    return LiveMaps(curves, timing, coefficients[..., : len(curves.shapes)])
