@@ -1,8 +1,9 @@
-"""Binds aged maps to a material: image sequences or keyed sockets, moved by one Age value."""
+"""Binds a result to a material: live, or as image sequences or keyed sockets; Age moves it."""
 
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -10,8 +11,9 @@ import bpy
 from ..errors import MaterialError
 from .check import why_no_surface
 from .edit import Edit
+from .live.bind import Aged, aged_by_shader
 from .read import Reading
-from .result import AgedMaps, read_result
+from .result import AgedMaps, LiveMaps, read_result
 from .revert import revert
 
 __all__ = ("bind",)
@@ -53,9 +55,11 @@ def bind(
     reason = why_no_surface(material)
     if reason:
         raise MaterialError(reason)
-    edit = Edit(material, reading, result.times, (frame_start, frame_end))
+    live = isinstance(result, LiveMaps)
+    edit = Edit(material, reading, (frame_start, frame_end), () if live else result.times)
     try:
-        warnings = _FORMATS[result.format](edit, result)
+        aged = aged_by_shader(edit, result) if live else _frames(edit, result)
+        warnings = _FORMATS[result.format](edit, aged)
     except Exception:
         edit.finish()
         revert(material)
@@ -64,25 +68,34 @@ def bind(
     return tuple(warnings)
 
 
-def _bind_authored(edit: Edit, result: AgedMaps) -> list[str]:
-    """The artist's parameters, changed; what never changes keeps what fed it."""
-    for aged in result.maps:
-        if aged.changes:
-            edit.show(aged, edit.input(_AUTHORED[aged.name]))
+def _frames(edit: Edit, result: AgedMaps) -> Aged:
+    """The maps over time.  As authored, what never changes keeps what fed it."""
+    kept = result.format == "principled"
+    return {
+        each.name: partial(edit.show, each, transform=math.sqrt if each.name == "alpha" else None)
+        for each in result.maps
+        if each.changes or not kept
+    }
+
+
+def _bind_authored(edit: Edit, aged: Aged) -> list[str]:
+    """The artist's parameters, changed."""
+    for name, show in aged.items():
+        show(edit.input(_AUTHORED[name]))
     return []
 
 
-def _bind_exact(edit: Edit, result: AgedMaps) -> list[str]:
+def _bind_exact(edit: Edit, aged: Aged) -> list[str]:
     """A flat Fresnel term on the Principled BSDF: F0 = 0.8 times Specular Tint = Ks."""
     edit.use_ggx()
     for identifier, value in _EXACT_CONSTANTS.items():
         edit.fix(edit.input(identifier), value)
-    for aged in result.maps:
-        edit.show(aged, edit.input(_EXACT[aged.name]))
+    for name, show in aged.items():
+        show(edit.input(_EXACT[name]))
     return []
 
 
-def _bind_torrance_sparrow(edit: Edit, result: AgedMaps) -> list[str]:
+def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
     """Diffuse and Glossy BSDF added, which have no Fresnel term and no bound on Ks."""
     diffuse = edit.layout.add("ShaderNodeBsdfDiffuse", "Diffuse", column=-1, row=0)
     glossy = edit.layout.add("ShaderNodeBsdfAnisotropic", "Specular", column=-1, row=1)
@@ -90,13 +103,10 @@ def _bind_torrance_sparrow(edit: Edit, result: AgedMaps) -> list[str]:
     both = edit.layout.add("ShaderNodeAddShader", "Diffuse and Specular", column=-2, row=0)
     for shader, slot in zip((diffuse, glossy), both.inputs, strict=True):
         edit.tree.links.new(shader.outputs[0], slot)
-        _follow(edit, "Normal", shader.inputs["Normal"])
-    sockets = {"kd": diffuse.inputs["Color"], "ks": glossy.inputs["Color"]}
-    for aged in result.maps:
-        if aged.name == "alpha":
-            edit.show(aged, glossy.inputs["Roughness"], math.sqrt)
-        else:
-            edit.show(aged, sockets[aged.name])
+        edit.follow("Normal", shader.inputs["Normal"])
+    aged["kd"](diffuse.inputs["Color"])
+    aged["ks"](glossy.inputs["Color"])
+    aged["alpha"](glossy.inputs["Roughness"])
     surface = _with_transparency(edit, _with_emission(edit, both.outputs[0]))
     edit.connect(surface, edit.output.inputs["Surface"])
     lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
@@ -119,8 +129,8 @@ def _with_emission(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.NodeS
     if not _used(edit.input("Emission Strength"), 0.0):
         return surface
     emission = edit.layout.add("ShaderNodeEmission", "Emission", column=-2, row=1)
-    _follow(edit, "Emission Color", emission.inputs["Color"])
-    _follow(edit, "Emission Strength", emission.inputs["Strength"])
+    edit.follow("Emission Color", emission.inputs["Color"])
+    edit.follow("Emission Strength", emission.inputs["Strength"])
     both = edit.layout.add("ShaderNodeAddShader", "Add Emission", column=-3, row=0)
     edit.tree.links.new(surface, both.inputs[0])
     edit.tree.links.new(emission.outputs[0], both.inputs[1])
@@ -132,7 +142,7 @@ def _with_transparency(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.N
         return surface
     transparent = edit.layout.add("ShaderNodeBsdfTransparent", "Transparent", column=-3, row=1)
     mix = edit.layout.add("ShaderNodeMixShader", "Alpha", column=-4, row=0)
-    _follow(edit, "Alpha", mix.inputs["Fac"])
+    edit.follow("Alpha", mix.inputs["Fac"])
     edit.tree.links.new(transparent.outputs[0], mix.inputs[1])
     edit.tree.links.new(surface, mix.inputs[2])
     return mix.outputs[0]
@@ -140,12 +150,3 @@ def _with_transparency(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.N
 
 def _used(socket: bpy.types.NodeSocket, neutral: float) -> bool:
     return socket.is_linked or socket.default_value != neutral
-
-
-def _follow(edit: Edit, identifier: str, socket: bpy.types.NodeSocket) -> None:
-    """Feeds a new socket with what feeds the Principled BSDF's."""
-    original = edit.input(identifier)
-    if original.is_linked:
-        edit.tree.links.new(original.links[0].from_socket, socket)
-    elif identifier != "Normal":
-        socket.default_value = original.default_value

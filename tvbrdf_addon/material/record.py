@@ -74,10 +74,8 @@ class SocketBefore:
 class Record:
     """Everything that ageing changed in a node tree besides the nodes it added, which are tagged.
 
-    `links` are all links in their order, which Blender keeps and a restored link would lose.
-    `distribution` is the Principled's own, where it was changed.  `frames` is the number of files
-    of each sequence.
-    """
+        `links` are all links in their order, which Blender keeps and a restored link would lose.
+    XX"""
 
     principled: str
     frames: int
@@ -85,6 +83,8 @@ class Record:
     links: tuple[Link, ...]
     sockets: tuple[SocketBefore, ...] = field(default=())
     distribution: str | None = None
+    age: str | None = None
+    owner: AnimationBefore | None = None
 
     def with_socket(self, before: SocketBefore) -> Record:
         return replace(self, sockets=(*self.sockets, before))
@@ -107,8 +107,10 @@ def load(material: bpy.types.Material) -> Record:
         if data.pop("version") != _VERSION:
             raise ValueError("version")
         animation = AnimationBefore(**data.pop("animation"))
+        owner = AnimationBefore(**data["owner"]) if data.get("owner") else None
         links = tuple(Link(**each) for each in data.pop("links"))
         sockets = tuple(_socket(each) for each in data.pop("sockets"))
+        data["owner"] = owner
         return Record(animation=animation, links=links, sockets=sockets, **data)
     except (ValueError, KeyError, TypeError) as error:
         raise MaterialError(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import bpy
 
+from .age import take_age
 from .animation import own_action, remove_keys
-from .ownership import TAG, user_count
+from .ownership import remove_groups, remove_images
 from .record import Link, Record, find, is_aged, keyed_sockets, load, tagged
 from .trace import input_socket
 
@@ -29,6 +30,8 @@ def revert(material: bpy.types.Material) -> None:
     _restore_link_order(tree, record)
     record.animation.restore(tree)
     material.tvbrdf.property_unset("original")
+    if record.age and record.owner:
+        take_age(material, record.age, record.owner)
     tree.update_tag()
 
 
@@ -36,6 +39,8 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
     for node in tagged(tree):
         if node.type == "TEX_IMAGE":
             node.image_user.driver_remove("frame_offset")
+        elif node.type == "VALUE":
+            node.outputs[0].driver_remove("default_value")
         elif node.type == "MIX":
             input_socket(node, "Factor_Float").driver_remove("default_value")
     for socket in keyed_sockets(tree, record):
@@ -43,14 +48,15 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
 
 
 def _remove_nodes(tree: bpy.types.NodeTree) -> None:
-    images = set()
+    images, groups = set(), set()
     for node in tagged(tree):
-        if node.type == "TEX_IMAGE" and node.image and TAG in node.image:
+        if node.type == "TEX_IMAGE":
             images.add(node.image)
+        elif node.type == "GROUP":
+            groups.add(node.node_tree)
         tree.nodes.remove(node)
-    for image in images:
-        if user_count(image) == 0:
-            bpy.data.images.remove(image)
+    remove_groups(groups)
+    remove_images(images)
 
 
 def _restore_sockets(tree: bpy.types.NodeTree, record: Record) -> None:

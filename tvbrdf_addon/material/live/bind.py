@@ -1,0 +1,64 @@
+"""Joins the group that ages a material to the material: the artist's nodes in, what they age to
+out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+import bpy
+import numpy as np
+
+from ...errors import MaterialError
+from ..edit import Edit
+from ..pixels import read_exr
+from ..result import MAPS, LiveMaps
+from .group import AUTHORED, OUTPUTS, aged_group
+from .stops import Array
+
+__all__ = ("Aged", "aged_by_shader")
+
+Aged: TypeAlias = Mapping[str, Callable[[bpy.types.NodeSocket], None]]
+"""What lets a socket show a map as it ages, by the map's name."""
+
+
+def aged_by_shader(edit: Edit, maps: LiveMaps) -> Aged:
+    """Adds the group, fed with what feeds the Principled BSDF."""
+    vector = edit.lookup()
+    name = f"Aged {edit.material.name}"
+    node = edit.layout.add("ShaderNodeGroup", name, column=0, row=0)
+    node.width = 220
+    node.node_tree = aged_group(
+        name,
+        maps,
+        _read_curves(maps.curves),
+        age=edit.age,
+        vector=vector is not None,
+        load=edit.show_file,
+    )
+    for identifier in AUTHORED:
+        edit.follow(identifier, node.inputs[identifier])
+    edit.tree.links.new(edit.age_socket(), node.inputs["Age"])
+    if vector is not None:
+        edit.tree.links.new(vector, node.inputs["Vector"])
+    # Both are in the order of the contract.
+    sources = zip(_NAMES[maps.format], OUTPUTS[maps.format], strict=True)
+    return {each: partial(edit.connect, node.outputs[output]) for each, output in sources}
+
+
+_NAMES = {
+    **MAPS,
+    "principled": ("base_color", "metallic", "roughness", "specular"),
+}
+
+
+def _read_curves(path: Path) -> Array:
+    """Gain, offset and what the coefficients are multiplied by: [2 + R, T, 7]."""
+    rows = read_exr(path)
+    if rows.shape[0] < 6 or rows.shape[0] % 3 or rows.shape[1] < 2:
+        raise MaterialError(f"{path} holds no curves.", "Age the material again.")
+    kd, ks, roughness = rows.reshape(-1, 3, *rows.shape[1:]).astype(np.float64).swapaxes(0, 1)
+    return np.concatenate((kd, ks, roughness[..., :1]), -1)
