@@ -9,7 +9,8 @@ import shlex
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -20,10 +21,16 @@ from torch import Tensor
 from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
+from .compose import AgedTexels
 from .errors import Cancelled, InputError
+from .fit import USUAL
 from .histories import CPU, fit_measured
 from .images import read_image, resize
 from .inputs import Material, hash_file, hash_input, read_input
+from .live.evaluate import COEFFICIENTS_A_FILE
+from .live.files import write_live
+from .live.fitting import Fitted, fit_live
+from .live.low_rank import MOST_COEFFICIENTS
 from .maps import PrincipledMaps, TorranceSparrowMaps
 from .modelling import EFFORTS, Effort, model_texels
 from .onset import onset_map, rate_map
@@ -39,7 +46,12 @@ from .writing import Format, Frames, maps_of, write_frames, write_stored_frames
 __all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
 _UNIFORM_SIZE = 512
-_BYTES_PER_TEXEL = 12  # of a frame's half-float maps, compressed or not
+_BYTES_A_FRAME = 12  # of half-float maps, a texel
+_BYTES_LIVE = 6 * (1 + MOST_COEFFICIENTS // COEFFICIENTS_A_FILE)  # likewise, at most
+_NOT_LIVE = (
+    f"No sum of {MOST_COEFFICIENTS} coefficients a texel is near enough to this change, so its "
+    "frames were written instead; a lower tolerance may allow it."
+)
 
 
 @dataclass(frozen=True)
@@ -57,6 +69,7 @@ class AgeRequest:
     onset: str = "auto"
     specular: Literal["rgb", "mono"] = "rgb"
     format: Format | None = None
+    binding: Literal["auto", "live", "frames"] = "frames"
     sparse: bool = False
     seed: int = 0
 
@@ -137,54 +150,72 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], 7)
-    check_space(request.output, size[0] * size[1] * request.frames * _BYTES_PER_TEXEL)
+    live_wanted = request.binding != "frames" and size != (1, 1)
+    texels = size[0] * size[1]
+    check_space(request.output, texels * _bytes_per_texel(request, live=live_wanted))
+    rung = _rung(run, ntm, initial)
+    model = partial(
+        model_texels,
+        ntm=ntm,
+        rung=rung,
+        representation=representation,
+        estimator=estimator,
+        tolerance=request.tolerance,
+        specular=request.specular,
+        measured=material if isinstance(material, MeasuredBRDF) else None,
+        device=_device(),
+        warn=run.warn,
+    )
     with run.timed("model"):
-        rung = _rung(run, ntm, initial)
-        aged = model_texels(
+        aged = model(
             initial,
-            ntm,
-            rung,
-            representation,
-            effort,
-            estimator=estimator,
+            effort=effort,
             onset=None if onset is None else torch.from_numpy(onset.reshape(-1)),
             rate=None if rate is None else torch.from_numpy(rate.reshape(-1)),
-            tolerance=request.tolerance,
-            specular=request.specular,
-            measured=material if isinstance(material, MeasuredBRDF) else None,
-            device=_device(),
             step=lambda share: run.progress("modelling the change", 0.05 + 0.35 * share),
-            warn=run.warn,
         )
     palette, histories = aged.palette, aged.histories
+
+    def each_for_itself(initial: Tensor) -> AgedTexels:
+        own = replace(effort, step=0.0, checked=False, fit=effort.fit or USUAL)
+        return model(
+            initial, effort=own, onset=None if onset is None else torch.zeros(len(initial))
+        )
+
+    live: Fitted | None = None
+    if live_wanted:
+        with run.timed("fit"):
+            run.progress("finding what texels share", 0.4)
+            live = fit_live(aged, request.tolerance, each_for_itself if effort.checked else None)
+            if live is None:
+                if request.binding == "live":
+                    run.warn(_NOT_LIVE)
+                check_space(request.output, texels * _bytes_per_texel(request, live=False))
     times = np.linspace(0, 1, request.frames).tolist()
     wanted = request.format or (
         "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
     )
     with StagedResult(request.output, compression=effort.compression) as staged:
         with run.timed("write"):
-            maps = maps_of(aged, material, size, wanted, times)
-            if maps.format != wanted:
+            if live is not None:
+                run.progress("writing", 0.5)
+                format, files = write_live(live.sum, aged, size, wanted, staged)
+            else:
+                maps = maps_of(aged, material, size, wanted, times)
+                format, files = (
+                    maps.format,
+                    _write_frames(run, Frames(maps, times, effort.interval), staged),
+                )
+            if format != wanted:
                 run.warn(
                     "Some texels reflect more than the exact Principled mapping can hold (Ks above "
                     "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
                 )
-
-            frames = Frames(maps, times, effort.interval)
-
-            def step(fraction: float) -> None:
-                run.progress("writing", 0.4 + 0.6 * fraction)
-
-            files: dict[str, Any]
-            if request.sparse:
-                files = write_stored_frames(
-                    frames, staged, step, tolerance=request.tolerance, seed=request.seed
-                )
-            else:
-                files = write_frames(frames, staged, step)
             staged.finish()
         report = {
-            "format": maps.format,
+            "format": format,
+            "binding": "frames" if live is None else "live",
+            "coefficients": 0 if live is None else len(live.sum.shapes),
             "ntm": ntm.card.name,
             "frames": request.frames,
             "times": [round(time, 6) for time in times],
@@ -197,8 +228,11 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
                 modelled=len(palette.entries),
                 interval=effort.interval,
                 files=files,
+                coefficients=None if live is None else len(live.sum.shapes),
+                live_missed=live_wanted and live is None,
             ),
             "fit_error": round(max(fit_error, histories.fit_error), 6),
+            **({} if live is None else {"error_db": live.error_db}),
             "warnings": run.warnings,
             "seconds": run.seconds,
             "peak_rss_mb": _peak_rss_mb(),
@@ -217,6 +251,25 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
         }
         staged.commit(report)
     return report
+
+
+def _bytes_per_texel(request: AgeRequest, *, live: bool) -> int:
+    """What the written files may take at most, compressed or not."""
+    return _BYTES_LIVE if live else request.frames * _BYTES_A_FRAME
+
+
+def _write_frames(run: _Run, frames: Frames, staged: StagedResult) -> dict[str, Any]:
+    """Write all frames, or those that are stored; returns `files` of `aged.json`."""
+    request = run.request
+
+    def step(fraction: float) -> None:
+        run.progress("writing", 0.4 + 0.6 * fraction)
+
+    if request.sparse:
+        return write_stored_frames(
+            frames, staged, step, tolerance=request.tolerance, seed=request.seed
+        )
+    return write_frames(frames, staged, step)
 
 
 def initial_states(

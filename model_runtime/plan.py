@@ -19,6 +19,7 @@ __all__ = (
     "appearance_psnr",
     "build_palette",
     "clamp_parameters",
+    "look",
     "stored_frames",
     "viewed",
     "viewed_psnr",
@@ -103,15 +104,17 @@ def viewed(states: Tensor) -> Tensor:
 
 def viewed_psnr(truth: Tensor, estimate: Tensor) -> float:
     """PSNR in dB, at most 100, of two lists of BRDF values [N, M, 3] at `viewing_angles()`.
-
-    Radiance pi f, so that a white diffuse surface is 1, tone-mapped as in the paper's section 4.2.
+    tone-mapped as `look` does.
     """
-
-    def look(f: Tensor) -> Tensor:
-        return (1 - torch.exp(-2 * torch.pi * f)).pow(1 / 2.8)
-
     error = (look(truth) - look(estimate)).square().mean()
     return float(-10 * error.clamp_min(1e-10).log10())
+
+
+def look(f: Tensor) -> Tensor:
+    """Radiance pi f, so that a white diffuse surface is 1, tone-mapped as in the paper's section
+    4.2.
+    """
+    return (1 - torch.exp(-2 * torch.pi * f)).pow(1 / 2.8)
 
 
 def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:

@@ -22,6 +22,7 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "temporal_model": ("auto", "constant", "affine", "lstm_parameters", "lstm_latents"),
     "specular": ("rgb", "mono"),
     "format": ("torrance-sparrow", "principled", "principled-exact"),
+    "binding": ("auto", "live", "frames"),
 }
 
 

@@ -14,14 +14,14 @@ from types import TracebackType
 from typing import Any
 
 from .errors import OutputError
-from .images import Compression, write_exr
+from .images import Compression, Depth, write_exr
 from .maps import Halves, Pixels
 
 __all__ = ("REPORT", "StagedResult", "check_space")
 
 REPORT = "aged.json"
 
-_FRAME = re.compile(r"[a-z_]+_[0-9]{4,}\.exr")
+_OURS = re.compile(r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.exr|timing\.exr|curves\.exr")
 _ABANDONED_SECONDS = 24 * 3600
 # OpenEXR holds the interpreter while it codes: one thread waits for the disk, and no more maps are
 # held back for it than half a frame has.
@@ -78,14 +78,14 @@ class StagedResult:
         self._pool.shutdown(cancel_futures=True)
         shutil.rmtree(self._staging, ignore_errors=True)
 
-    def write(self, name: str, pixels: Pixels | Halves) -> None:
+    def write(self, name: str, pixels: Pixels | Halves, *, depth: Depth = "half") -> None:
         """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or
         later.
         """
         self._settle(_QUEUED)
         path = self._staging / name
         self._pending.append(
-            self._pool.submit(write_exr, path, pixels, compression=self._compression)
+            self._pool.submit(write_exr, path, pixels, compression=self._compression, depth=depth)
         )
 
     def finish(self) -> None:
@@ -139,7 +139,11 @@ class StagedResult:
         """
         try:
             earlier = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
-            listed = [entry for files in earlier["files"].values() for entry in files]
+            listed = [
+                entry
+                for files in earlier["files"].values()
+                for entry in ([files] if isinstance(files, str) else files)
+            ]
             names = {
                 name
                 for entry in listed
@@ -155,7 +159,7 @@ class StagedResult:
             IndexError,
         ):
             return set()
-        ours = {name for name in names if isinstance(name, str) and _FRAME.fullmatch(name)}
+        ours = {name for name in names if isinstance(name, str) and _OURS.fullmatch(name)}
         return {name for name in ours if not (self.folder / name).is_dir()}
 
     def _unwritable(self, error: OSError) -> OutputError:

@@ -14,14 +14,21 @@ def savings(
     modelled: int,
     interval: int,
     files: Mapping[str, Sequence[str | Sequence[Sequence[Any]]]],
+    coefficients: int | None = None,
+    live_missed: bool = False,
 ) -> list[str]:
-    """A sentence each on the BRDFs that were modelled, on frames that are only interpolated and on
-    maps that lack frames.
+    """A sentence each on the BRDFs that were modelled, on what stands for frames, on frames that
+    are only interpolated and on maps that lack frames.
 
     Every `interval`-th frame was aged; `files` are those of `aged.json`: per map and frame its
-    file, or its mix of files.
+    file, or its mix of files. `coefficients` of a texel stand for all frames where that is not
+    None; `live_missed` where none could.
     """
     sentences = [_modelled(modelled, texels)]
+    if coefficients is not None:
+        return [*sentences, _live(coefficients)]
+    if live_missed:
+        sentences.append("Wrote frames: no few coefficients a texel are near enough to them.")
     if interval > 1:
         sentences.append(f"Aged one frame in {interval}; those between are interpolated.")
     by_count: dict[tuple[int, int], list[str]] = {}
@@ -50,3 +57,10 @@ def _modelled(modelled: int, texels: int) -> str:
     if modelled >= texels:
         return f"Modelled every one of {texels:,} BRDFs."
     return f"Modelled {modelled:,} distinct BRDF{'s' * (modelled > 1)} instead of {texels:,}."
+
+
+def _live(coefficients: int) -> str:
+    if coefficients == 0:
+        return "What the texels share stands for all frames."
+    plural = "s" * (coefficients > 1)
+    return f"{coefficients} coefficient{plural} a texel, and what they share, stand for all frames."

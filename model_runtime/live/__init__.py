@@ -1,0 +1,1 @@
+"""Live materials: textures and curves from which a shader computes any moment by itself."""

@@ -1,0 +1,164 @@
+"""Histories as a few shapes: what all texels of a material share, and what each adds.
+
+In local age a texel's history is nearly affine in the state it starts from; what is left lies near
+a space of few dimensions. Both are fitted to the material's own histories, those of its palette.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..compose import AgedTexels
+from ..plan import Palette
+from .evaluate import ROUGHNESS_MIN, Curves
+
+__all__ = ("MOST_COEFFICIENTS", "LowRank", "at_ages", "fit_low_rank", "with_roughness")
+
+MOST_COEFFICIENTS = 12
+
+_ENTRIES = 2048  # from whose histories the shapes are drawn, where all texels are entries
+_SPREAD = 4096  # texels that tell how far they are from their entries
+_BAND = 1 << 14  # entries projected at a time
+_DARKEST = 0.01  # albedos below it count as it: nobody sees their last digits
+_ALIKE = 1e-8  # variance of a starting value below which no gain can be told from it
+_NEGLIGIBLE = 1e-12  # share of the variance that no coefficient is worth
+
+
+@dataclass(frozen=True)
+class LowRank:
+    """The histories of P entries as y(a) = G(a) y(0) + O(a) + sum_k c_k V_k(a) (`Curves`).
+
+    gain, offset: [T, 7]; shapes: [R, T, 7]; coefficients: [P, R], each at most 1 in size. The first
+    of them matter most: any number of them is the best choice of as many.
+
+    worst: [R + 1] the entry that is left farthest by none, one ... all of the coefficients
+    """
+
+    gain: Tensor
+    offset: Tensor
+    shapes: Tensor
+    coefficients: Tensor
+    worst: Tensor
+
+    def first(self, count: int) -> LowRank:
+        """Only the first `count` coefficients."""
+        return replace(
+            self,
+            shapes=self.shapes[:count],
+            coefficients=self.coefficients[:, :count],
+            worst=self.worst[: count + 1],
+        )
+
+    def at_ages(self, start: Tensor, entry: Tensor) -> Tensor:
+        """States [n, T, 7] (kd, ks, r) at all ages of texels that were `start` [n, 7], of the
+        entries `entry` [n].
+        """
+        states = self.gain * start[:, None] + self.offset
+        states += torch.tensordot(self.coefficients[entry], self.shapes, 1)
+        states[..., :6].clamp_(min=0)
+        states[..., 6].clamp_(ROUGHNESS_MIN, 1)
+        return states
+
+    def curves(self) -> Curves:
+        return Curves(*(each.numpy() for each in (self.gain, self.offset, self.shapes)))
+
+
+def at_ages(texels: AgedTexels) -> Tensor:
+    """[n, T, 7] (kd, ks, r) of `texels` at the T modelled ages, whatever their onset."""
+    ageing = replace(texels, onset=None, rate=None)
+    ages = torch.linspace(0, 1, len(texels.gain)).tolist()
+    return with_roughness(torch.stack([ageing.at(age) for age in ages], 1))
+
+
+def with_roughness(states: Tensor) -> Tensor:
+    """(kd, ks, r) of (kd, ks, alpha) [..., 7]: r = sqrt(alpha) is Blender's roughness."""
+    return torch.cat((states[..., :6], states[..., 6:].sqrt()), -1)
+
+
+def _histories(aged: AgedTexels, entries: Tensor) -> Tensor:
+    """[n, T, 7] of texels that are the palette's `entries` [n]."""
+    own = Palette(aged.palette.entries[entries], torch.arange(len(entries)))
+    histories = replace(aged.histories, states=aged.histories.states[entries])
+    return at_ages(AgedTexels(own.entries, own, histories, aged.gain, None)).double()
+
+
+def fit_low_rank(aged: AgedTexels) -> LowRank:
+    """Fit the sum to the histories of the palette of `aged`, each weighted by its texels, so that
+    errors count as they do in the square roots of kd and ks, and in r.
+    """
+    entries, index = aged.palette.entries, aged.palette.index
+    chosen = torch.arange(len(entries))
+    if len(entries) > _ENTRIES:
+        chosen = _at_random(len(entries), _ENTRIES)
+    weight = torch.bincount(index, minlength=len(entries))[chosen].double()
+    weight /= weight.sum()
+    histories = _histories(aged, chosen)
+    seen = weight[:, None, None] * _sensitivity(histories).square()
+    gain, offset = _affine(histories, seen, aged.gain.double(), _spread(aged))
+    left = _left(histories, gain, offset)
+
+    scale = seen.sum(0).flatten().sqrt()
+    weighted = left * scale * weight.sqrt()[:, None]
+    variance, directions = torch.linalg.eigh(weighted.T @ weighted)
+    worth = variance > _NEGLIGIBLE * variance.sum().clamp_min(_NEGLIGIBLE)
+    directions = directions[:, worth].fliplr()[:, :MOST_COEFFICIENTS]
+    coefficients, distance = [], []
+    for band in torch.arange(len(entries)).split(_BAND):
+        whole = _left(_histories(aged, band), gain, offset) * scale
+        coefficients.append(whole @ directions)
+        distance.append(whole.square().sum(1, keepdim=True))
+    coefficients = torch.cat(coefficients)
+    reached = torch.nn.functional.pad(coefficients.square().cumsum(1), (1, 0))
+    worst = (torch.cat(distance) - reached).argmax(0)
+    largest = coefficients.abs().amax(0)
+    shapes = (directions / scale[:, None] * largest).T.unflatten(1, gain.shape)
+    shapes[:, 0] = 0
+    parts = gain, offset, shapes, coefficients / largest
+    return LowRank(*(part.float() for part in parts), worst)
+
+
+def _at_random(count: int, wanted: int) -> Tensor:
+    return torch.randperm(count, generator=torch.Generator().manual_seed(0))[:wanted]
+
+
+def _sensitivity(states: Tensor) -> Tensor:
+    """By how much the square roots of kd and ks, and r, change with each of `states` [..., 7]."""
+    albedos, r = states.split((6, 1), -1)
+    return torch.cat((0.5 / albedos.clamp_min(_DARKEST).sqrt(), torch.ones_like(r)), -1)
+
+
+def _spread(aged: AgedTexels) -> Tensor:
+    """[7]: mean square by which texels differ from their entry, as (kd, ks, r)."""
+    rows = torch.randint(len(aged.initial), (_SPREAD,), generator=torch.Generator().manual_seed(0))
+    entry = aged.palette.entries[aged.palette.index[rows]]
+    away = with_roughness(aged.initial[rows]) - with_roughness(entry)
+    return away.double().square().mean(0)
+
+
+def _affine(
+    histories: Tensor, weight: Tensor, usual: Tensor, spread: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Gain and offset [T, 7] of `histories` [P, T, 7] by least squares, `weight` [P, T, 7].
+
+    What texels differ by within their entry, `spread` [7], fades as `usual` [T, 7] says.
+    """
+    start = histories[:, :1]
+    total = weight.sum(0)
+    mean_start, mean = (weight * start).sum(0) / total, (weight * histories).sum(0) / total
+    away = start - mean_start
+    variance = (weight * away.square()).sum(0) / total
+    covariance = (weight * away * (histories - mean)).sum(0) / total
+    spread = spread.clamp_min(_ALIKE)
+    gain = ((covariance + spread * usual) / (variance + spread)).clamp(0, 4)
+    gain[0] = 1
+    offset = mean - gain * mean_start
+    offset[0] = 0
+    return gain, offset
+
+
+def _left(histories: Tensor, gain: Tensor, offset: Tensor) -> Tensor:
+    """[P, T 7]: what the affine part leaves of `histories` [P, T, 7]."""
+    return (histories - gain * histories[:, :1] - offset).flatten(1)
