@@ -20,7 +20,7 @@ from .estimate import Estimate, Rates, Work
 from .material.onset import is_painted, showing
 from .material.revert import is_aged
 from .material.space import Space, choose_space, image_size
-from .material.trace import find_principled
+from .material.surface import find_principled
 from .report import report_in
 
 __all__ = ("Forecast", "forecast", "is_worth_a_preview", "learn", "unregister")
@@ -184,14 +184,12 @@ def _readable(material: bpy.types.Material) -> tuple[bpy.types.Node, Space] | No
     if material.node_tree is None:
         return None
     try:
-        _, principled = find_principled(material)
-    except LookupError:
+        place = find_principled(material)
+    except MaterialError:
         return None
-    if principled is None or principled.type != "BSDF_PRINCIPLED":
-        return None
-    space = choose_space(principled, painted=is_painted(material))
+    space = choose_space(place.principled, place.groups, painted=is_painted(material))
     broken = any(node.image is None or min(image_size(node.image)) == 0 for node in space.images)
-    return None if broken else (principled, space)
+    return None if broken else (place.principled, space)
 
 
 def _by_uid(collection: Any, uid: int) -> Any:

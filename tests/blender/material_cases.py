@@ -133,10 +133,22 @@ def made_up(folder: Path, kind: str = "principled", *, count: int = 4, size: int
 
 
 def snapshot(material: bpy.types.Material) -> dict[str, object]:
-    """Everything about a material that a person or a script could see, as plain values."""
-    tree = material.node_tree
+    """Everything about a material that a person or a script could see, as plain values.
+
+    With all node groups of the file, which it may share.
+    """
     return {
         "material": _walk(material, {"node_tree", "tvbrdf", "session_uid"}),
+        **_tree(material.node_tree),
+        "groups": {group.name: _tree(group) for group in bpy.data.node_groups},
+        "actions": sorted(action.name for action in bpy.data.actions),
+        "images": sorted(each.name for each in bpy.data.images),
+        "original": material.tvbrdf.original,
+    }
+
+
+def _tree(tree: bpy.types.NodeTree) -> dict[str, object]:
+    return {
         "nodes": [_node(node) for node in tree.nodes],
         "links": [
             (
@@ -148,9 +160,7 @@ def snapshot(material: bpy.types.Material) -> dict[str, object]:
         ],
         "active": tree.nodes.active.name if tree.nodes.active else None,
         "animation": _animation(tree),
-        "actions": sorted(action.name for action in bpy.data.actions),
-        "images": sorted(each.name for each in bpy.data.images),
-        "original": material.tvbrdf.original,
+        "keys": sorted(tree.keys()),
     }
 
 

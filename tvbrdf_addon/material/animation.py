@@ -58,37 +58,50 @@ class AnimationBefore:
         if data is None:
             return
         action = data.action
-        original = bpy.data.actions.get(self.action) if self.action else None
-        if action and TAG in action and (original or not len(channels(owner))):
+        original = _before(action)
+        if action and action != original and (original or not len(channels(owner))):
             _assign(data, original, self.slot)
-            if user_count(action) == 0:
+            while action is not None and action != original and user_count(action) == 0:
+                held = action[TAG]
                 bpy.data.actions.remove(action)
+                action = held if isinstance(held, bpy.types.Action) else None
         if hasattr(data, "last_slot_identifier") and data.action is None:
             data.last_slot_identifier = self.last_slot
         if not self.existed and not (data.action or data.drivers or data.nla_tracks):
             owner.animation_data_clear()
 
 
+def _before(action: bpy.types.Action | None) -> bpy.types.Action | None:
+    """What an action of ours is a copy of; None where ageing made it, itself if it is not ours."""
+    while action is not None and TAG in action:
+        held = action[TAG]
+        action = held if isinstance(held, bpy.types.Action) else None
+    return action
+
+
 def own_action(owner: Animated, *, mark: bool = False) -> None:
     """Gives its owner a copy of an action that it shares, so that no other one is touched.
 
-    With `mark` the copy is known to be ours, and `AnimationBefore.restore` takes it away again.
+    With `mark` the copy is known to be ours and holds what it was made of, which
+    `AnimationBefore.restore` puts back.
     """
     data = owner.animation_data
     if data is None or data.action is None:
         return
-    if user_count(data.action) > 1:
+    shared = data.action
+    if user_count(shared) > 1 or shared.library:
         slot = getattr(data, "action_slot", None)
         identifier = slot.identifier if slot else None
-        _assign(data, data.action.copy(), identifier)
+        _assign(data, shared.copy(), identifier)
         if mark:
-            data.action[TAG] = 1
+            data.action[TAG] = shared
 
 
 def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, slot: str | None) -> None:
     data.action = action
     if action and slot and hasattr(data, "action_slot"):
-        data.action_slot = next(each for each in action.slots if each.identifier == slot)
+        slots = {each.identifier: each for each in action.slots}
+        data.action_slot = slots.get(slot, data.action_slot)
 
 
 def channels(owner: Animated) -> Sequence[bpy.types.FCurve]:

@@ -10,10 +10,11 @@ import bpy
 import numpy as np
 
 from ..errors import MaterialError
+from .groups import shown_outside
 from .pixels import Array, image_pixels, resampled
 from .space import image_sizes
+from .surface import find_principled
 from .tiles import Tile, Tiles
-from .trace import find_principled, input_socket
 from .unwrap import plain_mesh
 
 __all__ = ("Target", "bake_sockets")
@@ -45,15 +46,17 @@ def bake_sockets(
 ) -> tuple[dict[str, Array], Array]:
     """The values of Principled sockets, by identifier, as maps, and the share covered by faces.
 
-    `copy` is a copy of the material that may be changed.  `size` is the (height, width) at which
+    `copy` is a copy of the material that may be changed, and so may the groups that its Principled
+    BSDF lies in.  `size` is the (height, width) at which
     each tile is baked, `shape` that to which it is then resampled, if it is another.  Colours are
     [H, W, 3], numbers [H, W] for all tiles together; the coverage [H, W] is 1 where a face lies.
     One sample at the texel's centre, so the same input gives the same maps.  Raises `MaterialError`
     where Cycles fails.
     """
     tree = copy.node_tree
-    output, principled = find_principled(copy)
-    sockets = [input_socket(principled, each) for each in identifiers]
+    place = find_principled(copy)
+    output, sockets = place.output, [place.input(each) for each in identifiers]
+    output.target = "CYCLES"  # it may be one for EEVEE
     with ExitStack() as stack:
         scene = stack.enter_context(_scene(frame))
         obj = stack.enter_context(_object(scene, copy, target))
@@ -66,7 +69,8 @@ def bake_sockets(
         node.image = image
         tree.nodes.active = node
         if target.obj is None:
-            _look_up_texels(tree, size, target.tiles)
+            for each in place.trees:
+                _look_up_texels(each, size, target.tiles)
 
         def bake(tile: Tile, margin: int) -> Array:
             _bake(scene, obj, _uv_map_of(tile, obj.data, target), margin)
@@ -81,7 +85,7 @@ def bake_sockets(
         margin = max(8, max(size) // 32)
         maps: dict[str, dict[Tile, Array]] = {each: {} for each in identifiers}
         for group in _passes(sockets):
-            _emit(tree, emission, group)
+            _emit(tree, emission, group, place.groups)
             for tile in tiles:
                 pixels = bake(tile, margin)
                 if group[0].type == "RGBA":
@@ -106,14 +110,18 @@ def _passes(sockets: Sequence[bpy.types.NodeSocket]) -> Iterator[list[bpy.types.
 
 
 def _emit(
-    tree: bpy.types.NodeTree, emission: bpy.types.Node, group: list[bpy.types.NodeSocket]
+    tree: bpy.types.NodeTree,
+    emission: bpy.types.Node,
+    group: list[bpy.types.NodeSocket],
+    groups: Sequence[bpy.types.Node],
 ) -> None:
+    sources = [shown_outside(socket.links[0].from_socket, groups) for socket in group]
     if group[0].type == "RGBA":
-        tree.links.new(group[0].links[0].from_socket, emission.inputs["Color"])
+        tree.links.new(sources[0], emission.inputs["Color"])
         return
     combined = tree.nodes.new("ShaderNodeCombineXYZ")
-    for socket, channel in zip(group, combined.inputs, strict=False):
-        tree.links.new(socket.links[0].from_socket, channel)
+    for source, channel in zip(sources, combined.inputs, strict=False):
+        tree.links.new(source, channel)
     tree.links.new(combined.outputs["Vector"], emission.inputs["Color"])
 
 

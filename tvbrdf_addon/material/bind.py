@@ -108,7 +108,7 @@ def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
     aged["ks"](glossy.inputs["Color"])
     aged["alpha"](glossy.inputs["Roughness"])
     surface = _with_transparency(edit, _with_emission(edit, both.outputs[0]))
-    edit.connect(surface, edit.output.inputs["Surface"])
+    edit.replace_shader(surface)
     lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
     if not lost:
         return []

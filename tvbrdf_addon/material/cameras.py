@@ -209,7 +209,8 @@ def _lookup(
     straight = mathutils.Matrix.Identity(3)
     if space.kind == "texture":
         node = space.images[0]
-        found = _through(node.inputs["Vector"], straight) if node.projection == "FLAT" else None
+        flat = node.projection == "FLAT"
+        found = _through(node.inputs["Vector"], straight, space.groups) if flat else None
         if found is None:
             raise _UnknownError(f"“{material.name}” is not looked up by UV")
         uv_map, matrix = found
@@ -219,10 +220,10 @@ def _lookup(
 
 
 def _through(
-    vector: bpy.types.NodeSocket, after: mathutils.Matrix
+    vector: bpy.types.NodeSocket, after: mathutils.Matrix, groups: Sequence[bpy.types.Node]
 ) -> tuple[str, mathutils.Matrix] | None:
     """The UV map behind an image's Vector, and all Mapping nodes between as one matrix."""
-    source = resolve(vector)
+    source = resolve(vector, groups)
     if not source.is_output:
         return ("", after) if source.node.type == "TEX_IMAGE" else None
     node = source.node
@@ -232,7 +233,7 @@ def _through(
         return "", after
     if node.type != "MAPPING" or is_animated(node):
         return None
-    rotation, scale = (resolve(node.inputs[name]) for name in ("Rotation", "Scale"))
+    rotation, scale = (resolve(node.inputs[name], groups) for name in ("Rotation", "Scale"))
     if rotation.is_output or scale.is_output or node.vector_type == "NORMAL":
         return None
     turned = mathutils.Euler(rotation.default_value).to_matrix()
@@ -241,4 +242,4 @@ def _through(
         if matrix.determinant() == 0:
             return None
         matrix = matrix.inverted()
-    return _through(node.inputs["Vector"], after @ matrix)
+    return _through(node.inputs["Vector"], after @ matrix, groups)

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import bpy
 
+from ..errors import MaterialError
 from .onset import is_painted
 from .record import is_aged
 from .space import choose_space
-from .trace import SOCKETS, find_principled, input_socket, upstream
+from .surface import find_principled
+from .trace import SOCKETS, upstream
 
 __all__ = ("why_no_surface", "why_no_uv", "why_not")
-
-_NAMES = {
-    "MIX_SHADER": "a Mix Shader",
-    "ADD_SHADER": "an Add Shader",
-    "GROUP": "a node group",
-    "EMISSION": "an Emission shader",
-    "BSDF_DIFFUSE": "a Diffuse BSDF",
-    "BSDF_GLOSSY": "a Glossy BSDF",
-}
 
 
 def why_not(
@@ -52,31 +45,24 @@ def why_no_surface(
     material: bpy.types.Material, owner: bpy.types.Material | None = None
 ) -> str | None:
     """Why the surface of the material is not one that can be aged, or None if it is."""
-    name = f"“{(owner or material).name}”"
-    wanted = "connect a Principled BSDF directly to the Material Output."
     try:
-        _, node = find_principled(material)
-    except LookupError:
-        return f"{name} has no Material Output: add one and {wanted}"
-    if node is None:
-        return f"Nothing is connected to the surface of {name}: {wanted}"
-    if node.type == "BSDF_PRINCIPLED":
-        return f"The Principled BSDF of {name} is muted: unmute it." if node.mute else None
-    found = _NAMES.get(node.type, f"the node {node.bl_label}")
-    return f"The surface of {name} is {found}, which cannot be aged: {wanted}"
+        find_principled(material, owner=owner)
+    except MaterialError as error:
+        return str(error)
+    return None
 
 
 def _why_not_sockets(
     material: bpy.types.Material, obj: bpy.types.Object | None, owner: bpy.types.Material
 ) -> str | None:
     name = f"“{owner.name}”"
-    _, principled = find_principled(material)
-    sockets = [input_socket(principled, each) for each in SOCKETS.values()]
+    place = find_principled(material)
+    sockets = [place.input(each) for each in SOCKETS.values()]
     for socket in sockets:
-        for node, _ in upstream(socket):
+        for node, _ in upstream(socket, place.groups):
             if node.type == "TEX_IMAGE" and node.image is None:
                 return f"The Image Texture “{node.name}” of {name} has no image: choose one."
-    space = choose_space(principled, painted=is_painted(owner))
+    space = choose_space(place.principled, place.groups, painted=is_painted(owner))
     textured = space.kind == "uniform" and material.tvbrdf.onset != "none"
     return why_no_uv(owner, obj) if space.reads_uv or textured else None
 

@@ -13,13 +13,15 @@ import numpy as np
 from ..errors import MaterialError
 from .age import give_age
 from .animation import AnimationBefore, drive_by_age, key, own_action
+from .groups import feed, own_groups, shown_outside
 from .layout import Layout
 from .ownership import TAG
 from .pixels import read_exr_texel
 from .read import Reading
 from .record import Link, Record, SocketBefore, store
 from .result import AgedMap
-from .trace import find_principled, input_socket, is_animated
+from .surface import find_principled
+from .trace import input_socket, is_animated
 
 __all__ = ("Edit",)
 
@@ -43,20 +45,22 @@ class Edit:
     ) -> None:
         self.material = material
         self.tree = material.node_tree
-        self.output, self.principled = find_principled(material)
+        place = find_principled(material)
         self._reading = reading
         self._times = times
         self._span = span
         self._rows = 0
         self._vector: bpy.types.NodeSocket | None = None
+        self._inside: bpy.types.Node | None = None
         self._record = Record(
-            principled=self.principled.name,
+            principled=place.principled.name,
             frames=len(times),
             animation=AnimationBefore.of(self.tree),
             links=tuple(Link.of(link) for link in self.tree.links),
         )
         own_action(self.tree, mark=True)
-        self.layout = Layout(self.tree, self.principled)
+        self.place = own_groups(place)
+        self.layout = Layout(self.tree, (*self.place.groups, self.place.principled)[0])
 
     def finish(self) -> None:
         """Writes what was changed into the material."""
@@ -67,7 +71,7 @@ class Edit:
 
     def input(self, identifier: str) -> bpy.types.NodeSocket:
         """An input of the material's Principled BSDF."""
-        return input_socket(self.principled, identifier)
+        return self.place.input(identifier)
 
     @property
     def age(self) -> str:
@@ -89,17 +93,48 @@ class Edit:
         if hasattr(original, "default_value") and identifier != "Normal":
             socket.default_value = original.default_value
         for link in original.links:
-            self.tree.links.new(link.from_socket, socket).is_muted = link.is_muted
+            self.tree.links.new(self.outside(link.from_socket), socket).is_muted = link.is_muted
 
     def use_ggx(self) -> None:
         """Gives the Principled BSDF the plain GGX distribution."""
-        self._record = replace(self._record, distribution=self.principled.distribution)
-        self.principled.distribution = "GGX"
+        principled = self.place.principled
+        if not self.place.groups:
+            self._record = replace(self._record, distribution=principled.distribution)
+        principled.distribution = "GGX"
 
     def connect(self, source: bpy.types.NodeSocket, socket: bpy.types.NodeSocket) -> None:
         """Links `source` to one of the artist's sockets in place of what was there."""
+        if socket.id_data != self.tree:
+            feed(source, socket, self.place.groups)
+            return
         self._remember(socket)
         self.tree.links.new(source, socket)
+
+    def replace_shader(self, source: bpy.types.NodeSocket) -> None:
+        """Shows `source` wherever the material's Principled BSDF was shown."""
+        for link in list(self.place.principled.outputs["BSDF"].links):
+            self.connect(source, link.to_socket)
+
+    def outside(self, source: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        """An output socket of one of the artist's nodes, as it is in the material's own tree.
+
+        What is in a group is taken from a second node of it: the first would show what depends on
+        itself.
+        """
+        if source.id_data == self.tree:
+            return source
+        if self._inside is None:
+            group = self.place.groups[0]
+            self._inside = self.layout.add("ShaderNodeGroup", "Inside", column=4, row=1)
+            self._inside.node_tree = group.node_tree
+            for theirs, ours in zip(group.inputs, self._inside.inputs, strict=True):
+                if not theirs.is_linked:
+                    if hasattr(theirs, "default_value"):
+                        ours.default_value = theirs.default_value
+                elif TAG not in theirs.links[0].from_node:
+                    self.tree.links.new(theirs.links[0].from_socket, ours)
+        shown = shown_outside(source, self.place.groups)
+        return next(each for each in self._inside.outputs if each.identifier == shown.identifier)
 
     def fix(self, socket: bpy.types.NodeSocket, value: float) -> None:
         """Sets one of the artist's sockets to a number for good."""
@@ -229,7 +264,7 @@ class Edit:
         """The same for textures that are not in tiles."""
         sampling, uv_map = self._reading.sampling, self._reading.uv_map
         if sampling.node is not None:
-            node = self.tree.nodes.get(sampling.node)
+            node = self.place.trees[sampling.depth].nodes.get(sampling.node)
             outputs = node.outputs if node else ()
             found = next((each for each in outputs if each.identifier == sampling.socket), None)
             if found is None:
@@ -238,7 +273,7 @@ class Edit:
                     "material was ageing.",
                     "Age the material again.",
                 )
-            return found
+            return self.outside(found)
         if uv_map is None or not _all_have(self.material, uv_map):
             return None
         return self._uv(uv_map)
@@ -263,11 +298,12 @@ class Edit:
     def _own(self, socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
         """A socket whose value may be set: this one unlinked, or a new node's that feeds it.
 
-        Keys and drivers of the artist's would win over a value, but a link wins over them.
+        Keys and drivers of the artist's would win over a value, but a link wins over them.  What
+        is in a group shares its keys with others.
         """
         if TAG in socket.node:
             return socket
-        if is_animated(socket):
+        if is_animated(socket) or socket.id_data != self.tree:
             kind = "ShaderNodeRGB" if socket.type == "RGBA" else "ShaderNodeValue"
             source = self.layout.add(kind, socket.name, column=1, row=self._rows).outputs[0]
             self._rows += 1

@@ -16,8 +16,8 @@ from .onset import bearers, is_painted, showing, why_no_onset
 from .pixels import Array, in_file, luminance, write_exr
 from .read import Reading
 from .space import image_size
+from .surface import find_principled
 from .tiles import Tiles
-from .trace import find_principled, input_socket
 from .unwrap import active_uv_map, check_unwrapped, overlaps, plain_mesh, triangles
 
 __all__ = ("Onset", "write_onset")
@@ -239,12 +239,12 @@ def _emitter(kind: str) -> Iterator[tuple[bpy.types.Material, bpy.types.Node]]:
         if bpy.app.version < (5, 0):
             material.use_nodes = True
         tree = material.node_tree
-        _, principled = find_principled(material)
+        place = find_principled(material)
         color = tree.nodes.new(kind)
-        tree.links.new(color.outputs["Color"], input_socket(principled, "Metallic"))
+        tree.links.new(color.outputs["Color"], place.input("Metallic"))
         one = tree.nodes.new("ShaderNodeValue")
         one.outputs[0].default_value = 1.0
-        tree.links.new(one.outputs[0], input_socket(principled, "Roughness"))
+        tree.links.new(one.outputs[0], place.input("Roughness"))
         yield material, color
     finally:
         bpy.data.materials.remove(material)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,13 +16,15 @@ from ..properties import frame_range
 from .bake import Target, bake_sockets
 from .cameras import FULL, TextureSize, all_the_cameras_see
 from .check import why_not
+from .groups import own_groups, owned_groups, remove_unused
 from .onset import is_painted, showing
 from .ownership import user_count
 from .pixels import Array, linear_color, luminance, resampled, write_exr
 from .revert import revert
 from .space import Sampling, Space, choose_space, image_size, is_constant, is_direct
+from .surface import find_principled
 from .tiles import Tiles, tiles_of
-from .trace import SOCKETS, find_principled, input_socket, is_animated, resolve, upstream
+from .trace import SOCKETS, is_animated, resolve, upstream
 from .unwrap import active_uv_map, check_unwrapped, overlaps
 
 __all__ = ("Reading", "read")
@@ -76,26 +78,27 @@ def read(
         reason = why_not(copy, obj, owner=material)
         if reason:
             raise MaterialError(reason)
-        _, principled = find_principled(copy)
-        space = choose_space(principled, painted=is_painted(material))
-        sockets = {name: input_socket(principled, each) for name, each in SOCKETS.items()}
+        place = own_groups(find_principled(copy))
+        groups = place.groups
+        space = choose_space(place.principled, groups, painted=is_painted(material))
+        sockets = {name: place.input(each) for name, each in SOCKETS.items()}
         warnings = _warnings(sockets, space, material, frame)
-        if space.kind == "uv" and choose_space(principled).kind == "texture":
+        if space.kind == "uv" and choose_space(place.principled, groups).kind == "texture":
             warnings.append(
                 f"The images of “{material.name}” are baked to the UV map, because what is painted "
                 "on the mesh cannot be moved or tiled with them."
             )
         for socket in sockets.values():
-            _check_images(socket)
+            _check_images(socket, groups)
         maps = {
-            name: _constant(socket, frame)
+            name: _constant(socket, frame, groups)
             for name, socket in sockets.items()
-            if is_constant(socket)
+            if is_constant(socket, groups)
         }
         direct = [
-            resolve(socket).node
+            resolve(socket, groups).node
             for socket in sockets.values()
-            if space.kind == "texture" and is_direct(socket)
+            if space.kind == "texture" and is_direct(socket, groups)
         ]
         uniform = space.kind == "uniform"
         if size is None:
@@ -104,7 +107,7 @@ def read(
         else:
             textures = TextureSize(size, "")
         users = [obj] if space.kind == "uv" else showing(material, scene)
-        tiles = tiles_of(principled, space, material, users)
+        tiles = tiles_of(place.principled, space, material, users)
         whole = _whole(space, direct, max(textures.pixels, FULL) if size is None else size)
         wanted = whole if size is not None else _shrunk(whole, textures.pixels)
         shape = _shrunk(wanted, _LARGEST // max(tiles.rows, tiles.columns))
@@ -120,12 +123,12 @@ def read(
                 "they will show what is next to them."
             )
         for name, socket in sockets.items():
-            if name not in maps and direct and is_direct(socket) and tiles.are_one:
-                pixels = _image_map(socket)
+            if name not in maps and direct and is_direct(socket, groups) and tiles.are_one:
+                pixels = _image_map(socket, groups)
                 if pixels is not None:
                     maps[name] = resampled(pixels, shape)
         rest = [name for name in sockets if name not in maps]
-        sampling = Sampling.of(space.images[0]) if space.kind == "texture" else Sampling()
+        sampling = Sampling.of(space.images[0], groups) if space.kind == "texture" else Sampling()
         uv_map = active_uv_map(obj.data) if space.kind == "uv" else None
         if rest:
             target = Target(material, tiles=tiles)
@@ -148,7 +151,9 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
     finally:
         data = copy.node_tree.animation_data if copy.node_tree else None
         action = data.action if data else None
+        owned = [node.node_tree for node in owned_groups(copy.node_tree)] if copy.node_tree else []
         bpy.data.materials.remove(copy)
+        remove_unused(owned)
         if action and user_count(action) == 0:
             bpy.data.actions.remove(action)
 
@@ -173,8 +178,8 @@ def _shrunk(whole: tuple[int, int], longer: int) -> tuple[int, int]:
     return height, width
 
 
-def _constant(socket: bpy.types.NodeSocket, frame: int) -> Array:
-    source = resolve(socket)
+def _constant(socket: bpy.types.NodeSocket, frame: int, groups: Sequence[bpy.types.Node]) -> Array:
+    source = resolve(socket, groups)
     value = np.atleast_1d(np.array(_value_at(source, frame), np.float32))
     return _converted(socket, value[:3].reshape(1, 1, -1))
 
@@ -192,9 +197,9 @@ def _value_at(source: bpy.types.NodeSocket, frame: int) -> list[float]:
     return values
 
 
-def _image_map(socket: bpy.types.NodeSocket) -> Array | None:
+def _image_map(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node]) -> Array | None:
     """The image that a socket shows; None where Cycles mixes its alpha into it, its own way."""
-    node = resolve(socket).node
+    node = resolve(socket, groups).node
     color, has_alpha = linear_color(node.image)
     if has_alpha and not node.outputs["Alpha"].is_linked:
         return None
@@ -270,7 +275,7 @@ def _warnings(
     frame: int,
 ) -> list[str]:
     """What is lost in reading, a sentence each."""
-    nodes = [pair for socket in sockets.values() for pair in upstream(socket)]
+    nodes = [pair for socket in sockets.values() for pair in upstream(socket, space.groups)]
     found = []
     view = {n.name for n, out in nodes if n.type in _VIEW_NODES or out in _VIEW_OUTPUTS}
     if view:
@@ -279,7 +284,7 @@ def _warnings(
             "which a texture cannot: it is baked as seen from straight above."
         )
     moving = {n.name for n, _ in nodes if is_animated(n)} | {
-        name for name, socket in sockets.items() if is_animated(resolve(socket))
+        name for name, socket in sockets.items() if is_animated(resolve(socket, space.groups))
     }
     moving |= {
         n.name
@@ -294,8 +299,8 @@ def _warnings(
     return found
 
 
-def _check_images(socket: bpy.types.NodeSocket) -> None:
-    for node, _ in upstream(socket):
+def _check_images(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node]) -> None:
+    for node, _ in upstream(socket, groups):
         if node.type not in ("TEX_IMAGE", "TEX_ENVIRONMENT") or node.image is None:
             continue
         image = node.image

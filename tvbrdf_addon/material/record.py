@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import json
+import zlib
 from dataclasses import asdict, dataclass, field, replace
 
 import bpy
 
 from ..errors import MaterialError
 from .animation import AnimationBefore
+from .decode import decoded
 from .ownership import TAG
-from .trace import input_socket, is_animated
+from .trace import is_animated
 
 __all__ = (
     "Link",
     "Record",
     "SocketBefore",
     "find",
+    "forget_names",
     "is_aged",
     "keyed_sockets",
     "load",
+    "node_called",
+    "require_local",
     "store",
     "tagged",
 )
 
-_VERSION = 1
+# 1 had no check sum.
+_VERSION = 2
+_NAME = "tvbrdf name"
 
 
 @dataclass(frozen=True)
@@ -40,9 +47,9 @@ class Link:
     @classmethod
     def of(cls, link: bpy.types.NodeLink) -> Link:
         return cls(
-            link.from_node.name,
+            _name(link.from_node),
             link.from_socket.identifier,
-            link.to_node.name,
+            _name(link.to_node),
             link.to_socket.identifier,
             link.is_muted,
         )
@@ -74,8 +81,11 @@ class SocketBefore:
 class Record:
     """Everything that ageing changed in a node tree besides the nodes it added, which are tagged.
 
-        `links` are all links in their order, which Blender keeps and a restored link would lose.
-    XX"""
+    `links` are all links in their order, which Blender keeps and a restored link would lose.
+    `distribution` is the Principled's own, where it was changed.  `frames` is the number of files
+    of each sequence.  `age` is the custom property that moves what is shown (None: nothing, or a
+    node of 0.1), and `owner` the animation of the material before it had that.
+    """
 
     principled: str
     frames: int
@@ -95,34 +105,46 @@ def is_aged(material: bpy.types.Material) -> bool:
     return bool(material.tvbrdf.original)
 
 
+def require_local(material: bpy.types.Material) -> None:
+    """Raises `MaterialError` where another file says what the material is."""
+    if material.library or material.override_library:
+        raise MaterialError(
+            f"“{material.name}” is linked from another file.",
+            "Use Object > Relations > Make Local first, or change it in its own file.",
+        )
+
+
 def store(material: bpy.types.Material, record: Record) -> None:
-    """Writes the record into the material."""
-    material.tvbrdf.original = json.dumps({"version": _VERSION, **asdict(record)})
+    """Writes the record into the material, and into its nodes what they are called: an artist may
+    rename them.
+    """
+    for node in material.node_tree.nodes:
+        if TAG not in node:
+            node[_NAME] = node.name
+    text = json.dumps(asdict(record))
+    head = {"version": _VERSION, "sum": zlib.crc32(text.encode())}
+    material.tvbrdf.original = json.dumps({**head, **asdict(record)})
 
 
 def load(material: bpy.types.Material) -> Record:
-    """Reads the material's record; `MaterialError` where it is not one that can be understood."""
+    """Reads the material's record; `MaterialError` where it is not what was written."""
     try:
         data = json.loads(material.tvbrdf.original)
-        if data.pop("version") != _VERSION:
+        if not isinstance(data, dict):
+            raise TypeError("no record")
+        version = data.pop("version")
+        if version not in (1, _VERSION):
             raise ValueError("version")
-        animation = AnimationBefore(**data.pop("animation"))
-        owner = AnimationBefore(**data["owner"]) if data.get("owner") else None
-        links = tuple(Link(**each) for each in data.pop("links"))
-        sockets = tuple(_socket(each) for each in data.pop("sockets"))
-        data["owner"] = owner
-        return Record(animation=animation, links=links, sockets=sockets, **data)
-    except (ValueError, KeyError, TypeError) as error:
+        wanted = data.pop("sum") if version == _VERSION else None
+        if wanted is not None and zlib.crc32(json.dumps(data).encode()) != wanted:
+            raise ValueError("changed by another program")
+        return decoded(Record, data)
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise MaterialError(
             f"What “{material.name}” was before ageing cannot be read ({error}).",
-            "It may have been aged by a newer version of this extension: update it.",
+            "Update this extension if a newer one aged it; else append the material from an "
+            "earlier save of the file.",
         ) from error
-
-
-def _socket(data: dict) -> SocketBefore:
-    link = Link(**data.pop("link")) if data["link"] else data.pop("link")
-    value = data.pop("value")
-    return SocketBefore(link=link, value=tuple(value) if isinstance(value, list) else value, **data)
 
 
 def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
@@ -130,10 +152,27 @@ def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     return [node for node in tree.nodes if TAG in node]
 
 
+def _name(node: bpy.types.Node) -> str:
+    return node.get(_NAME, node.name)
+
+
+def node_called(tree: bpy.types.NodeTree, name: str) -> bpy.types.Node | None:
+    """The node that had this name when the record was made, or None if it is gone."""
+    return next((node for node in tree.nodes if _name(node) == name), None)
+
+
+def forget_names(tree: bpy.types.NodeTree) -> None:
+    """Takes the names out of the nodes again."""
+    for node in tree.nodes:
+        if _NAME in node:
+            del node[_NAME]
+
+
 def find(tree: bpy.types.NodeTree, before: SocketBefore) -> bpy.types.NodeSocket | None:
-    """The socket that a record speaks of, or None if its node is gone."""
-    node = tree.nodes.get(before.node)
-    return input_socket(node, before.socket) if node else None
+    """The socket that a record speaks of, or None if it is gone."""
+    node = node_called(tree, before.node)
+    inputs = node.inputs if node is not None else ()
+    return next((each for each in inputs if each.identifier == before.socket), None)
 
 
 def keyed_sockets(tree: bpy.types.NodeTree, record: Record) -> list[bpy.types.NodeSocket]:

@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import bpy
 
+from ..errors import MaterialError
 from .age import take_age
 from .animation import own_action, remove_keys
+from .groups import originals_lost, restore_groups
 from .ownership import remove_groups, remove_images
-from .record import Link, Record, find, is_aged, keyed_sockets, load, tagged
+from .record import (
+    Link,
+    Record,
+    find,
+    forget_names,
+    is_aged,
+    keyed_sockets,
+    load,
+    node_called,
+    require_local,
+    tagged,
+)
 from .trace import input_socket
 
 __all__ = ("is_aged", "revert")
@@ -16,23 +29,57 @@ __all__ = ("is_aged", "revert")
 def revert(material: bpy.types.Material) -> None:
     """Restores the material from its record; what the artist changed since elsewhere in it stays.
 
-    Does nothing to a material that is not aged.  Raises `MaterialError` where the record cannot be
-    read.
+    Does nothing to a material that is not aged.  Raises `MaterialError`, with the material as it
+    is, where the record or a node group is lost, and where another file has the material.
     """
     if not is_aged(material):
         return
+    require_local(material)
     record = load(material)
+    _require_fitting(material, record)
     tree = material.node_tree
     own_action(tree)
     _remove_animation(tree, record)
     _remove_nodes(tree)
+    restore_groups(tree)
     _restore_sockets(tree, record)
     _restore_link_order(tree, record)
     record.animation.restore(tree)
+    forget_names(tree)
     material.tvbrdf.property_unset("original")
     if record.age and record.owner:
         take_age(material, record.age, record.owner)
     tree.update_tag()
+
+
+def _require_fitting(material: bpy.types.Material, record: Record) -> None:
+    """Raises `MaterialError` where the record speaks of another tree than the material's."""
+    tree = material.node_tree
+    known = bpy.types.ShaderNodeBsdfPrincipled.bl_rna.properties["distribution"].enum_items
+    if (
+        tree is None
+        or not all(_fits(find(tree, each), each.value) for each in record.sockets)
+        or record.distribution not in (None, *known.keys())
+    ):
+        raise MaterialError(
+            f"What “{material.name}” was before ageing does not fit its nodes.",
+            "Append the material from an earlier save of the file.",
+        )
+    lost = originals_lost(tree)
+    if lost:
+        raise MaterialError(
+            f"The node group that “{lost[0]}” was made of for “{material.name}” was deleted.",
+            "Undo that, or append the group or the material from an earlier save of the file.",
+        )
+
+
+def _fits(socket: bpy.types.NodeSocket | None, value: float | tuple[float, ...] | None) -> bool:
+    if socket is None or value is None:
+        return True
+    now = getattr(socket, "default_value", None)
+    if isinstance(value, tuple):
+        return hasattr(now, "__len__") and len(now) == len(value)
+    return isinstance(now, float) or type(now) is type(value)
 
 
 def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
@@ -70,19 +117,19 @@ def _restore_sockets(tree: bpy.types.NodeTree, record: Record) -> None:
             socket.default_value = before.value
         if before.link:
             _relink(tree, before.link)
-    principled = tree.nodes.get(record.principled)
-    if principled and record.distribution:
+    principled = node_called(tree, record.principled)
+    if principled is not None and record.distribution and principled.type == "BSDF_PRINCIPLED":
         principled.distribution = record.distribution
 
 
 def _relink(tree: bpy.types.NodeTree, link: Link) -> None:
-    source, target = tree.nodes.get(link.from_node), tree.nodes.get(link.to_node)
+    source, target = node_called(tree, link.from_node), node_called(tree, link.to_node)
     if source is None or target is None:
         return
     output = next((s for s in source.outputs if s.identifier == link.from_socket), None)
-    if output is not None:
-        made = tree.links.new(output, input_socket(target, link.to_socket))
-        made.is_muted = link.muted
+    socket = next((s for s in target.inputs if s.identifier == link.to_socket), None)
+    if output is not None and socket is not None:
+        tree.links.new(output, socket).is_muted = link.muted
 
 
 def _restore_link_order(tree: bpy.types.NodeTree, record: Record) -> None:

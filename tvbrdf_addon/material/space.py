@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,22 +28,28 @@ _LINEAR = ("Non-Color", "Raw", "Linear", "Linear Rec.709")
 class Sampling:
     """How aged textures are looked up: the way the artist's own images were, or by UV.
 
-    `node` and `socket` name the artist's output socket that feeds Vector; None is plain UV.
+    `node` and `socket` name the artist's output socket that feeds Vector; None is plain UV.  It is
+    in the material's own tree at `depth` 0, in its Principled BSDF's outermost group at 1, ...
     """
 
     node: str | None = None
     socket: str | None = None
+    depth: int = 0
     projection: str = "FLAT"
     projection_blend: float = 0.0
     extension: str = "REPEAT"
     interpolation: str = "Linear"
 
     @classmethod
-    def of(cls, image_node: bpy.types.ShaderNodeTexImage) -> Sampling:
-        source = resolve(image_node.inputs["Vector"])
+    def of(
+        cls, image_node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node] = ()
+    ) -> Sampling:
+        source = resolve(image_node.inputs["Vector"], groups)
+        inside = [group.node_tree for group in groups]
         return cls(
             node=source.node.name if source.is_output else None,
             socket=source.identifier if source.is_output else None,
+            depth=inside.index(source.id_data) + 1 if source.id_data in inside else 0,
             projection=image_node.projection,
             projection_blend=image_node.projection_blend,
             extension=image_node.extension,
@@ -58,43 +65,53 @@ class Space:
     - `texture`: it varies only through images that are all looked up alike, so its maps are made
       in the space of those images and tile as they do;
     - `uv`: anything else, baked to the mesh's UV map.
+
+    `groups` are the group nodes that its Principled BSDF lies in, the outermost first.
     """
 
     kind: Literal["uniform", "texture", "uv"]
     images: tuple[bpy.types.ShaderNodeTexImage, ...] = ()
+    groups: tuple[bpy.types.Node, ...] = ()
 
     @property
     def reads_uv(self) -> bool:
         """Whether the object's UVs are needed to make the maps or to look them up."""
-        return self.kind == "uv" or any(_looks_up_uv(node) for node in self.images)
+        return self.kind == "uv" or any(_looks_up_uv(each, self.groups) for each in self.images)
 
 
-def choose_space(principled: bpy.types.Node, *, painted: bool = False) -> Space:
+def choose_space(
+    principled: bpy.types.Node,
+    groups: Sequence[bpy.types.Node] = (),
+    *,
+    painted: bool = False,
+) -> Space:
     """The most general space in which the material's maps can be made without loss.
 
+    `groups` are the group nodes that `principled` lies in, the outermost first.
     Where something `painted` on the mesh goes with them, images stay in their own space only if
     that is the mesh's UV map, in which they may not be moved or tiled.
     """
     sockets = [input_socket(principled, identifier) for identifier in SOCKETS.values()]
-    images: dict[str, bpy.types.ShaderNodeTexImage] = {}
+    images: dict[int, bpy.types.ShaderNodeTexImage] = {}
     derived = False
+    groups = tuple(groups)
     for socket in sockets:
-        if is_constant(socket):
+        if is_constant(socket, groups):
             continue
-        behind = _images_behind(socket)
+        behind = _images_behind(socket, groups)
         if behind is None:
-            return Space("uv")
-        derived |= not is_direct(socket)
-        images.update({node.name: node for node in behind})
+            return Space("uv", groups=groups)
+        derived |= not is_direct(socket, groups)
+        images.update({node.as_pointer(): node for node in behind})
     if not images:
-        return Space("uniform")
+        return Space("uniform", groups=groups)
     nodes = tuple(images.values())
-    looked_up = {_lookup(node) for node in nodes}
+    looked_up = {_lookup(node, groups) for node in nodes}
     if len(looked_up) > 1 or (derived and nodes[0].extension == "CLIP"):
-        return Space("uv")
-    if painted and not _is_on_the_uv_map(nodes[0]):
-        return Space("uv")
-    return Space("texture", nodes)
+        return Space("uv", groups=groups)
+    if painted and not _is_on_the_uv_map(nodes[0], groups):
+        return Space("uv", groups=groups)
+    return Space("texture", nodes, groups)
 
 
 def image_sizes(image: bpy.types.Image) -> set[tuple[int, int]]:
@@ -110,15 +127,15 @@ def image_size(image: bpy.types.Image) -> tuple[int, int]:
     return max(image_sizes(image), key=math.prod, default=(0, 0))
 
 
-def is_constant(socket: bpy.types.NodeSocket) -> bool:
+def is_constant(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = ()) -> bool:
     """Whether a socket has one value all over: its own, or a plain RGB or Value node's."""
-    source = resolve(socket)
+    source = resolve(socket, groups)
     return not source.is_output or source.node.type in ("RGB", "VALUE")
 
 
-def is_direct(socket: bpy.types.NodeSocket) -> bool:
+def is_direct(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = ()) -> bool:
     """Whether a socket shows an image's colour and nothing else, one that can be read as it is."""
-    source = resolve(socket)
+    source = resolve(socket, groups)
     if not source.is_output or source.node.type != "TEX_IMAGE" or source.name != "Color":
         return False
     image = source.node.image
@@ -128,13 +145,13 @@ def is_direct(socket: bpy.types.NodeSocket) -> bool:
 
 
 def _images_behind(
-    socket: bpy.types.NodeSocket,
+    socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node]
 ) -> tuple[bpy.types.ShaderNodeTexImage, ...] | None:
     """The images that a socket is computed from texel by texel; None if position matters too."""
     found = []
 
     def walk(at: bpy.types.NodeSocket) -> bool:
-        source = resolve(at)
+        source = resolve(at, groups)
         if not source.is_output:
             return True
         node = source.node
@@ -162,20 +179,22 @@ def _inside(group: bpy.types.Node, identifier: str) -> list[bpy.types.Node]:
     ]
 
 
-def _lookup(node: bpy.types.ShaderNodeTexImage) -> tuple[object, ...]:
+def _lookup(
+    node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node]
+) -> tuple[object, ...]:
     blend = node.projection_blend if node.projection == "BOX" else 0.0
-    return (signature(node.inputs["Vector"]), node.projection, blend, node.extension)
+    return (signature(node.inputs["Vector"], groups), node.projection, blend, node.extension)
 
 
-def _is_on_the_uv_map(node: bpy.types.ShaderNodeTexImage) -> bool:
-    return node.projection == "FLAT" and signature(node.inputs["Vector"]) == ("uv", "")
+def _is_on_the_uv_map(node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node]) -> bool:
+    return node.projection == "FLAT" and signature(node.inputs["Vector"], groups) == ("uv", "")
 
 
-def _looks_up_uv(node: bpy.types.ShaderNodeTexImage) -> bool:
+def _looks_up_uv(node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node]) -> bool:
     vector = node.inputs["Vector"]
-    if not resolve(vector).is_output:
+    if not resolve(vector, groups).is_output:
         return True
     return any(
         each.type == "UVMAP" or (each.type == "TEX_COORD" and output == "UV")
-        for each, output in upstream(vector)
+        for each, output in upstream(vector, groups)
     )

@@ -90,7 +90,7 @@ def tiles_of(
     are not looked up by UV alone; the usual square where no image has tiles.  Raises
     `MaterialError` where the images have none of the tiles that are needed.
     """
-    images = _tiled_images(principled)
+    images = _tiled_images(principled, space.groups)
     if not images:
         return Tiles()
     there = set.intersection(*map(_tiles_in, images))
@@ -105,9 +105,11 @@ def tiles_of(
     return Tiles(tuple(sorted(used)), tuple(map(_name, sorted(needed - there))))
 
 
-def _tiled_images(principled: bpy.types.Node) -> list[bpy.types.Image]:
+def _tiled_images(
+    principled: bpy.types.Node, groups: Sequence[bpy.types.Node]
+) -> list[bpy.types.Image]:
     sockets = (input_socket(principled, identifier) for identifier in SOCKETS.values())
-    nodes = (node for socket in sockets for node, _ in upstream(socket))
+    nodes = (node for socket in sockets for node, _ in upstream(socket, groups))
     images = (node.image for node in nodes if node.type == "TEX_IMAGE" and node.image is not None)
     return list({image.name_full: image for image in images if image.source == "TILED"}.values())
 
@@ -133,7 +135,7 @@ def _uv_map(space: Space) -> str | None:
         return ""
     if space.images[0].projection != "FLAT":
         return None
-    match signature(space.images[0].inputs["Vector"]):
+    match signature(space.images[0].inputs["Vector"], space.groups):
         case ("uv", str(name)):
             return name
     return None

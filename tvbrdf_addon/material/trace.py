@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 import bpy
@@ -11,7 +11,6 @@ __all__ = (
     "POINTWISE",
     "SOCKETS",
     "Principled",
-    "find_principled",
     "input_socket",
     "is_animated",
     "resolve",
@@ -49,11 +48,15 @@ def input_socket(node: bpy.types.Node, identifier: str) -> bpy.types.NodeSocket:
     return next(socket for socket in node.inputs if socket.identifier == identifier)
 
 
-def resolve(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+def resolve(
+    socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = ()
+) -> bpy.types.NodeSocket:
     """The socket whose value an input really shows, through reroutes and muted nodes and links.
 
-    Returns an output socket of a working node, or an input socket (its own, or that of a muted
-    node on the way) whose `default_value` is the value.
+    `groups` are the group nodes that `socket` lies in, the outermost first: what comes from
+    outside of one is followed out of it.  Returns an output socket of a working node, or an input
+    socket (its own, or that of a group or a muted node on the way) whose `default_value` is the
+    value.
     """
     while not socket.is_output:
         link = next((each for each in socket.links if not each.is_muted and each.is_valid), None)
@@ -63,6 +66,8 @@ def resolve(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
         node = source.node
         if node.type == "REROUTE" and node.inputs[0].is_linked:
             socket = node.inputs[0]
+        elif node.type == "GROUP_INPUT" and (outside := _outside(source, groups)) is not None:
+            socket = outside
         elif node.mute:
             through = [each for each in node.internal_links if each.to_socket == source]
             if not through:
@@ -73,22 +78,22 @@ def resolve(socket: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
     return socket
 
 
-def find_principled(material: bpy.types.Material) -> tuple[bpy.types.Node, bpy.types.Node | None]:
-    """The active material output for Cycles, and the node that feeds its surface (None if none).
-
-    Raises `LookupError` where there is no output.
-    """
-    output = material.node_tree.get_output_node("CYCLES")
-    if output is None:
-        raise LookupError("no Material Output")
-    surface = resolve(output.inputs["Surface"])
-    return output, surface.node if surface.is_output else None
+def _outside(
+    source: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node]
+) -> bpy.types.NodeSocket | None:
+    """The input of the group node that an output of a Group Input shows; None where it has none."""
+    group = next((each for each in groups if each.node_tree == source.id_data), None)
+    inputs = group.inputs if group is not None else ()
+    return next((each for each in inputs if each.identifier == source.identifier), None)
 
 
-def upstream(socket: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, str]]:
+def upstream(
+    socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = ()
+) -> Iterator[tuple[bpy.types.Node, str]]:
     """Every working node behind an input, groups entered, each with the name of the output used.
 
-    A node inside a group that stands behind it twice may be met twice.
+    `groups` are the group nodes that `socket` lies in, the outermost first.  A node inside a group
+    that stands behind it twice may be met twice.
     """
     seen: set[tuple[int, str, tuple[int, ...]]] = set()
 
@@ -118,15 +123,18 @@ def upstream(socket: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, str
         for each in node.inputs:
             yield from walk(each, groups)
 
-    yield from walk(socket, ())
+    yield from walk(socket, tuple(groups))
 
 
-def signature(socket: bpy.types.NodeSocket) -> tuple[object, ...]:
+def signature(
+    socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = ()
+) -> tuple[object, ...]:
     """What an image's Vector input is fed with, as a value: equal for equal mappings.
 
     An unlinked Vector, Texture Coordinate's UV and a UV Map node without a name are the same thing.
+    `groups` are the group nodes that it lies in, the outermost first.
     """
-    source = resolve(socket)
+    source = resolve(socket, groups)
     if not source.is_output:
         if source == socket and socket.node.type == "TEX_IMAGE":
             return ("uv", "")
@@ -146,7 +154,7 @@ def signature(socket: bpy.types.NodeSocket) -> tuple[object, ...]:
     )
     objects = (getattr(node, "object", None), getattr(node, "image", None))
     names = tuple(each.name_full if each else "" for each in objects)
-    inputs = tuple(signature(each) for each in node.inputs if each.enabled)
+    inputs = tuple(signature(each, groups) for each in node.inputs if each.enabled)
     return (node.type, source.identifier, settings, names, inputs)
 
 
