@@ -197,6 +197,7 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     row.prop(settings, "tolerance", text="Tolerance (dB)")
     column.prop(settings, "specular")
     column.separator()
+    column.prop(settings, "binding")
     column.prop(settings, "format")
     box = column.box()
     chosen = next(item for item in properties.FORMATS if item[0] == settings.format)

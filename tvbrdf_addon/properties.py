@@ -71,6 +71,20 @@ FORMATS = (
         "materials and for comparisons",
     ),
 )
+BINDINGS = (
+    (
+        "live",
+        "Live",
+        "The shader ages your own nodes at any age: small files, no reloading, and an age of its "
+        "own for every object that has a property Age",
+    ),
+    (
+        "frames",
+        "Frames",
+        "Image sequences, which other programs and exporters understand: larger, and slower to "
+        "play",
+    ),
+)
 SPECULARS = (
     ("rgb", "Coloured", "Highlights may take on a colour, as metals do"),
     ("mono", "Grey", "Highlights stay grey"),
@@ -260,6 +274,12 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="How the aged reflectance becomes a Principled BSDF",
         items=FORMATS,
         default="as-authored",
+    )
+    binding: bpy.props.EnumProperty(
+        name="Shown As",
+        description="How the aged material is kept and shown",
+        items=BINDINGS,
+        default="live",
     )
     original: bpy.props.StringProperty(
         description="What Revert restores, as JSON; empty while the material is not aged",

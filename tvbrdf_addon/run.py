@@ -86,6 +86,7 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
             "specular": settings.specular,
             "format": "principled" if settings.format == "as-authored" else "principled-exact",
             "seed": settings.seed,
+            "binding": settings.binding,
             "sparse": settings.quality != "exact",
         },
     )

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import TypeAlias
 
 import bpy
-import numpy as np
 
+from ....model_runtime.live.evaluate import Curves
 from ...errors import MaterialError
 from ..edit import Edit
 from ..pixels import read_exr
 from ..result import MAPS, LiveMaps
 from .group import AUTHORED, OUTPUTS, aged_group
-from .stops import Array
 
 __all__ = ("Aged", "aged_by_shader")
 
@@ -55,10 +54,8 @@ _NAMES = {
 }
 
 
-def _read_curves(path: Path) -> Array:
-    """Gain, offset and what the coefficients are multiplied by: [2 + R, T, 7]."""
+def _read_curves(path: Path) -> Curves:
     rows = read_exr(path)
     if rows.shape[0] < 6 or rows.shape[0] % 3 or rows.shape[1] < 2:
         raise MaterialError(f"{path} holds no curves.", "Age the material again.")
-    kd, ks, roughness = rows.reshape(-1, 3, *rows.shape[1:]).astype(np.float64).swapaxes(0, 1)
-    return np.concatenate((kd, ks, roughness[..., :1]), -1)
+    return Curves.unpacked(rows)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import bpy
 
+from ....model_runtime.live.evaluate import COEFFICIENTS_A_FILE, ROUGHNESS_MIN, Curves
 from ..result import LiveMaps
 from .arrange import arrange
 from .formula import Canvas, Number, Triple, greater, where, where3
@@ -26,8 +27,6 @@ OUTPUTS = {
 }
 """What the group gives, by the format of the result."""
 
-_SMOOTHEST = 0.01
-
 _HALF_ZERO = 2.0**-15
 """What Cycles makes of 0 in an image of half floats."""
 
@@ -45,13 +44,13 @@ class _State(NamedTuple):
 def aged_group(
     name: str,
     maps: LiveMaps,
-    curves: Array,
+    curves: Curves,
     *,
     age: str,
     vector: bool,
     load: Callable[[bpy.types.ShaderNodeTexImage, Path], None],
 ) -> bpy.types.NodeTree:
-    """A group called `name` that ages by `maps` and their `curves` [2 + R, T, 7].
+    """A group called `name` that ages by `maps` and their `curves`.
 
     `age` is the custom property by which an object may have an age of its own. With `vector` an
     input says where the textures are looked up, else the UV map does. `load` lets a texture show a
@@ -105,27 +104,28 @@ def _changed(
     canvas: Canvas,
     state: _State,
     local: Number,
-    curves: Array,
+    curves: Curves,
     coefficients: tuple[Path, ...],
     texture: _Texture,
 ) -> _State:
     """y(a) = G(a) y0 + O(a) + sum_k c_k V_k(a)."""
     with canvas.stage("Gain"):
-        gain = _curves(canvas, local, curves[0])
+        gain = _curves(canvas, local, curves.gain)
     with canvas.stage("Offset"):
-        offset = _curves(canvas, local, curves[1])
+        offset = _curves(canvas, local, curves.offset)
         kd, ks, roughness = (
             each.scaled(by, plus) for each, by, plus in zip(state, gain, offset, strict=True)
         )
         state = _State(kd, ks, roughness)
-    for number, row in enumerate(curves[2:]):
-        if number % 3 == 0:
+    for number, shape in enumerate(curves.shapes):
+        channel = number % COEFFICIENTS_A_FILE
+        if channel == 0:
             with canvas.stage("Coefficients"):
-                path = coefficients[number // 3]
-                shares = texture(path, f"Of changes {number + 1} to {number + 3}").channels()
-        share = shares[number % 3]
+                path = coefficients[number // COEFFICIENTS_A_FILE]
+                shares = texture(path, "Coefficients").channels()
+        share = shares[channel]
         with canvas.stage(f"Change {number + 1}"):
-            change = _curves(canvas, local, row)
+            change = _curves(canvas, local, shape)
             state = _State(
                 state.kd + change.kd * share,
                 state.ks + change.ks * share,
@@ -159,7 +159,7 @@ def _ramp(canvas: Canvas, local: Number, curve: Array, label: str) -> tuple[Trip
 def _limited(canvas: Canvas, state: _State) -> _State:
     with canvas.stage("Limits"):
         none = (0.0, 0.0, 0.0)
-        roughness = state.roughness.maximum(_SMOOTHEST).minimum(1.0)
+        roughness = state.roughness.maximum(ROUGHNESS_MIN).minimum(1.0)
         return _State(state.kd.maximum(none), state.ks.maximum(none), roughness)
 
 
