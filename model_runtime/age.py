@@ -22,7 +22,7 @@ from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
 from .compose import AgedTexels
-from .errors import Cancelled, InputError
+from .errors import Cancelled, InputError, memory_in_words, shown
 from .fit import USUAL
 from .histories import CPU, fit_measured
 from .images import read_image, resize
@@ -45,6 +45,7 @@ from .writing import Format, Frames, maps_of, write_frames, write_stored_frames
 
 __all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
+_LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _UNIFORM_SIZE = 512
 _BYTES_A_FRAME = 12  # of half-float maps, a texel
 _BYTES_LIVE = 6 * (1 + MOST_COEFFICIENTS // COEFFICIENTS_A_FILE)  # likewise, at most
@@ -118,7 +119,7 @@ def age(request: AgeRequest, reporter: Reporter, effort: Effort | None = None) -
     holds what it held before.
     """
     run = _Run(request, reporter)
-    with torch.inference_mode(), _one_thread():
+    with memory_in_words(_LESS_MEMORY), torch.inference_mode(), _one_thread():
         return _age(run, effort or EFFORTS[request.quality])
 
 
@@ -310,7 +311,7 @@ def timing_maps(
     onset = read_image(Path(request.onset), color=False)
     if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):
         raise InputError(
-            f"The onset image {request.onset} has values outside 0 to 1.",
+            f"The onset image {shown(request.onset)} has values outside 0 to 1.",
             "Paint 0 where the change starts at once and 1 where it never starts.",
         )
     if size == (1, 1):

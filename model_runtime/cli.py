@@ -99,7 +99,7 @@ def _age(arguments: argparse.Namespace) -> None:
 
 
 def _info(arguments: argparse.Namespace) -> None:
-    found = cards(arguments.ntm)
+    found = cards(arguments.ntm, skipped=lambda error: print(f"Skipped: {error}", file=sys.stderr))
     if arguments.json:
         print(json.dumps(found, indent=2))
         return

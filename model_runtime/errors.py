@@ -2,26 +2,76 @@
 
 from __future__ import annotations
 
+import errno
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 __all__ = (
     "Cancelled",
     "InputError",
     "ModelFileError",
+    "OutOfMemoryError",
     "OutputError",
     "TvbrdfError",
     "UsageError",
+    "is_plain",
+    "memory_in_words",
+    "ran_out_of_memory",
+    "reason",
+    "shown",
 )
+
+# Control characters, escape codes among them; marks that turn the writing direction; halves of
+# surrogate pairs, which no file can be written with.
+_NOT_PLAIN = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+_LONGEST_QUOTE = 80
+_LONGEST_PATH = 240
+_LONGEST_SENTENCE = 600
+_OUT_OF_MEMORY = re.compile(
+    "not enough memory|out of memory|cannot allocate memory|failed to map segment|bad_alloc"
+    "|can't start new thread|cannot start new thread|unable to allocate|defaultcpuallocator",
+    re.IGNORECASE,
+)
+
+
+def is_plain(text: str) -> bool:
+    """Whether `text` can be shown anywhere as it is: no escape codes, no lone surrogates."""
+    return _NOT_PLAIN.search(text) is None
+
+
+def shown(foreign: object, *, most: int | None = None) -> str:
+    """What a file, a path or a library says, fit for a sentence of ours.
+
+    What is not plain is escaped, and of more than `most` characters (80; of a path, which is to be
+    found again, 240) the middle is left out.
+    """
+    if most is None:
+        most = _LONGEST_PATH if isinstance(foreign, Path) else _LONGEST_QUOTE
+    text = str(foreign)
+    if len(text) > most:
+        text = f"{text[: most // 2 - 2]}...{text[-(most // 2 - 2) :]}"
+    return _NOT_PLAIN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def reason(error: BaseException) -> str:
+    """Why `error` was raised, without the path that an OSError adds: our sentence names it."""
+    return shown(getattr(error, "strerror", None) or error)
 
 
 class TvbrdfError(Exception):
     """A failure that the user can do something about.
 
     `message` is one sentence saying what is wrong, `hint` one saying what to do; `code` names the
-    kind for programs (it travels in the worker's `error` replies).
+    kind for programs (it travels in the worker's `error` replies). Whatever they quote, they are
+    plain and not endless.
     """
 
     code = "error"
 
     def __init__(self, message: str, hint: str = "") -> None:
+        message, hint = (shown(text, most=_LONGEST_SENTENCE) for text in (message, hint))
         super().__init__(f"{message} {hint}".strip())
         self.message = message
         self.hint = hint
@@ -58,3 +108,31 @@ class Cancelled(TvbrdfError):  # noqa: N818
 
     def __init__(self) -> None:
         super().__init__("Cancelled; the earlier result is untouched.")
+
+
+class OutOfMemoryError(TvbrdfError):
+    """The system has no more memory, or no more threads, to give."""
+
+    code = "memory"
+
+
+def ran_out_of_memory(error: BaseException | None) -> bool:
+    """Whether `error`, or what it was raised from, says so in any library's way."""
+    while error is not None:
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+            return True
+        if not isinstance(error, TvbrdfError) and _OUT_OF_MEMORY.search(str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+@contextmanager
+def memory_in_words(way_out: str) -> Iterator[None]:
+    """Where what is done inside runs out of memory, OutOfMemoryError says so, with `way_out`."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, TvbrdfError) or not ran_out_of_memory(error):
+            raise
+        raise OutOfMemoryError("There is not enough memory.", way_out) from error

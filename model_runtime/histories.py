@@ -12,7 +12,9 @@ from torch import Tensor
 
 from .brdf.measured import MeasuredBRDF
 from .brdf.torrance_sparrow import evaluate
+from .errors import InputError, ModelFileError, shown
 from .fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
+from .maps import HALF_MAX
 from .plan import clamp_parameters
 from .representation.estimator import ParameterEstimator
 from .representation.latents import Latents, Representation
@@ -41,10 +43,16 @@ class Histories:
 
 def fit_measured(brdf: MeasuredBRDF, specular: Literal["rgb", "mono"]) -> tuple[Tensor, float]:
     """Torrance-Sparrow parameters [1, 7] of a measured BRDF and the relative RMS error of the
-    fit.
+    fit. Raises InputError where they are beyond what maps hold.
     """
     fit = fit_torrance_sparrow(brdf.evaluate(fit_angles())[None], specular=specular)
-    return fit.parameters(), float(fit.error[0])
+    parameters = fit.parameters()
+    if not bool((parameters <= HALF_MAX).all()):  # nor NaN
+        raise InputError(
+            f"{shown(brdf.name)} reflects more than half floats hold.",
+            "Choose another measurement, or scale its values.",
+        )
+    return parameters, float(fit.error[0])
 
 
 def roll_out(
@@ -66,6 +74,9 @@ def roll_out(
     `samples` directions of them where that is given (`measured`, then the only entry, always is
     sampled), rolled out, decoded and fitted with the effort `fit` at every age, or told by an
     estimator: on `device`, for that is what takes time. `step` hears which share is done.
+
+    Raises ModelFileError where the NTM makes states that are not finite, or rolls out other latents
+    than those of `representation`.
     """
     model, decoder = ntm.rung(rung), representation
     if rung == "lstm_latents" and device != CPU:
@@ -79,7 +90,11 @@ def roll_out(
         chunk = entries[start:stop]
         if rung == "lstm_latents":
             latents = _encode(chunk, representation, samples, measured).to(device)
+            if ntm.latents.sizes != representation.latent_sizes:
+                raise _unusable(ntm, "rolls out latents of another encoder")
             flat = model.rollout(latents.flat(), ntm.frames)
+            if not bool(flat.isfinite().all()):
+                raise _unusable(ntm, "makes latents that are not finite")
             states, error = _decode_and_fit(latents, flat, decoder, specular, fit)
             states = states.to(CPU)
             errors.append(float(error))
@@ -87,9 +102,17 @@ def roll_out(
             states = model.rollout(chunk, ntm.frames)
             if specular == "mono":
                 states = _mono(states)
+        if not bool(states.isfinite().all()):
+            raise _unusable(ntm, "makes values that are not finite")
         parts.append(_bounded(clamp_parameters(states), chunk))
         step(stop / len(entries))
     return Histories(torch.cat(parts), max(errors))
+
+
+def _unusable(ntm: NeuralTemporalModel, what: str) -> ModelFileError:
+    return ModelFileError(
+        f"The model {shown(ntm.card.path.name)} {what}.", "Train it again, or choose a bundled one."
+    )
 
 
 def _bounded(states: Tensor, entries: Tensor) -> Tensor:

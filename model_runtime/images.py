@@ -6,23 +6,31 @@ and write side by side; but OpenEXR holds the interpreter while it codes, so the
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import sys
+import threading
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import OpenEXR
 import torch
 from PIL import Image, ImageFile
 
-from .errors import InputError, OutputError
-from .maps import Halves, Pixels
+from .errors import InputError, OutputError, ran_out_of_memory, reason, shown
+from .files import replaced
+from .maps import HALF_MAX, Halves, Pixels
 
 __all__ = ("EXTENSIONS", "MAX_SIDE", "Compression", "Depth", "read_image", "resize", "write_exr")
 
 MAX_SIDE = 16384
+# Pillow's own limit is lower than ours, and speaks of bombs; sizes are checked here instead.
+Image.MAX_IMAGE_PIXELS = None
+
 _PILLOW = {".jpg": "JPEG", ".jpeg": "JPEG", ".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF"}
 EXTENSIONS = (*_PILLOW, ".exr")
 """What `read_image` reads, in the order in which duplicates are preferred."""
@@ -36,7 +44,8 @@ _OTHER_BYTES = {
 }
 
 _HINT = "Save it again as JPEG, PNG, TIFF or OpenEXR."
-_HALF_MAX = 65504.0
+_LARGEST_BLOCK = 1 << 31
+_EXR_TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 Compression = Literal["none", "zip"]
@@ -68,23 +77,30 @@ def read_packed(path: str | Path) -> Pixels:
     """
     pixels = _read(Path(path), decode=False)
     if pixels.ndim == 2:
-        raise InputError(f"{Path(path).name} has one channel, not three packed maps.", _HINT)
+        raise InputError(f"{shown(Path(path).name)} has one channel, not three packed maps.", _HINT)
     return pixels
 
 
 def _read(path: Path, *, decode: bool) -> Pixels:
     """[H, W] or [H, W, 3] of the file at `path`, integers decoded from sRGB where asked."""
-    extension = path.suffix.lower()
+    extension, file = path.suffix.lower(), shown(path.name)
     if extension not in EXTENSIONS:
-        raise InputError(f"{path.name} is not in an image format that can be read.", _HINT)
+        raise InputError(f"{file} is not in an image format that can be read.", _HINT)
     try:
         if not path.is_file():
-            raise InputError(f"{path} is not a file.", "Check the path.")
+            raise InputError(f"{shown(path)} is not a file.", "Check the path.")
         with path.open("rb"):
             pass
     except (OSError, ValueError) as error:
-        raise InputError(f"{path.name} cannot be opened: {error}.", "Check the path.") from error
-    return _read_exr(path) if extension == ".exr" else _read_integer(path, decode=decode)
+        raise InputError(f"{file} cannot be opened: {reason(error)}.", "Check the path.") from error
+    try:
+        return _read_exr(path) if extension == ".exr" else _read_integer(path, decode=decode)
+    except InputError:
+        raise
+    except Exception as error:  # the decoders raise whatever a damaged file makes them
+        if ran_out_of_memory(error):
+            raise
+        raise InputError(f"{file} is damaged or not an image: {reason(error)}.", _HINT) from error
 
 
 def write_exr(
@@ -97,7 +113,8 @@ def write_exr(
     """Write [H, W] as channel Y or [H, W, 3] as R, G, B: floats of this `depth`, lossless.
 
     The file appears whole or not at all: it is written beside and renamed. Values beyond the range
-    of half floats (65504) are clamped to it. Raises OutputError where the file cannot be written.
+    of half floats (65504) are clamped to it. Raises OutputError where the file cannot be written,
+    or would hold NaN.
     """
     assert pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3), pixels.shape
     planes = [pixels] if pixels.ndim == 2 else np.moveaxis(pixels, -1, 0)
@@ -105,15 +122,26 @@ def write_exr(
     stored = _half if depth == "half" else np.ascontiguousarray
     channels = {name: stored(plane) for name, plane in zip(names, planes, strict=True)}
     header = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage}
+    if any(_holds_nan(plane) for plane in channels.values()):
+        raise OutputError(
+            f"{shown(Path(path).name)} would hold texels that are not numbers.",
+            "Either the model file or a map of the material is to blame: try a bundled model.",
+        )
     content = io.BytesIO()
     OpenEXR.File(header, channels, num_threads=0).write(content)
-    _write_whole(Path(path), content.getbuffer())
+    with replaced(Path(path)) as beside:
+        beside.write_bytes(content.getbuffer())
 
 
 def _half(plane: Pixels | Halves) -> Halves:
     # torch rounds to half floats six times as fast as numpy, and to the same ones.
     whole = torch.from_numpy(np.require(plane, requirements=("C", "W")))
-    return whole.half().clamp(-_HALF_MAX, _HALF_MAX).numpy()
+    return whole.half().clamp(-HALF_MAX, HALF_MAX).numpy()
+
+
+def _holds_nan(plane: Halves) -> bool:
+    # By their bits, as NaN lies above infinity: a tenth of the time that numpy takes with halves.
+    return bool((plane.view(np.uint16) & 0x7FFF).max() > 0x7C00)
 
 
 def resize(pixels: Pixels, size: tuple[int, int]) -> Pixels:
@@ -170,19 +198,15 @@ def _luminance(pixels: Pixels) -> Pixels:
 def _check_size(path: Path, width: int, height: int) -> None:
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
         raise InputError(
-            f"{path.name} has {width} x {height} pixels.",
+            f"{shown(path.name)} has {width} x {height} pixels.",
             f"Resize it to {MAX_SIDE} a side or less.",
         )
 
 
 def _read_integer(path: Path, *, decode: bool) -> Pixels:
     """[H, W] or [H, W, 3] of a JPEG, PNG or TIFF."""
-    try:
+    with warnings.catch_warnings(action="ignore"):  # Pillow's, of what it forgives
         codes = _codes(path)
-    except InputError:
-        raise
-    except Exception as error:  # Pillow's decoders raise whatever a damaged file makes them
-        raise InputError(f"{path.name} is damaged or not an image: {error}.", _HINT) from error
     if codes.dtype == np.float32:
         return codes
     most = np.iinfo(codes.dtype).max
@@ -194,6 +218,7 @@ def _codes(path: Path) -> np.ndarray:
     """Stored values as uint8, uint16 or float32, [H, W] or [H, W, 3], without alpha."""
     with Image.open(path, formats=_FORMATS) as image:
         _check_size(path, *image.size)
+        image.info.pop("transparency", None)
         raw_mode = _raw_mode(image)
         if image.mode == "F":
             return np.asarray(image, np.float32)
@@ -233,27 +258,73 @@ def _decode_srgb(code: Pixels) -> Pixels:
 
 def _read_exr(path: Path) -> Pixels:
     """[H, W] or [H, W, 3] of the first part's colour, luminance or only channel."""
-    try:
+    with _quiet():
         header = OpenEXR.File(str(path), header_only=True).header()
-        low, high = header["dataWindow"]
-        width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
-        _check_size(path, width, height)
-        names = _choose_channels([channel.name for channel in header["channels"]])
-        if not names:
-            raise InputError(
-                f"{path.name} holds several channels and none of them is R, G, B or Y.", _HINT
-            )
-        stored = OpenEXR.File(str(path), separate_channels=True, num_threads=0).channels()
-        planes = [np.asarray(stored[name].pixels) for name in names]
-    except InputError:
-        raise
-    except Exception as error:  # OpenEXR raises RuntimeError, ValueError, KeyError and others
-        raise InputError(f"{path.name} is damaged or cut short: {error}.", _HINT) from error
-    if any(plane.shape != (height, width) for plane in planes):
-        raise InputError(f"{path.name} holds subsampled or deep channels.", _HINT)
-    if len(planes) == 1:
-        return np.ascontiguousarray(planes[0], np.float32)
-    return np.stack(planes, -1, dtype=np.float32)
+        names, (height, width) = _what_to_read(path, header)
+        # The newer OpenEXR.File reads every channel of every part, however many there are.
+        with contextlib.closing(OpenEXR.InputFile(str(path))) as file:
+            stored = file.header()["channels"]
+            types = [_EXR_TYPES[str(stored[name].type)] for name in names]
+            contents = file.channels(names)
+    planes = [
+        np.frombuffer(content, dtype).reshape(height, width)
+        for content, dtype in zip(contents, types, strict=True)
+    ]
+    return (
+        planes[0].astype(np.float32) if len(planes) == 1 else np.stack(planes, -1, dtype=np.float32)
+    )
+
+
+def _what_to_read(path: Path, header: dict[str, Any]) -> tuple[list[str], tuple[int, int]]:
+    """The channels to read of a file with this header, and their height and width."""
+    file, channels = shown(path.name), {each.name: each for each in header["channels"]}
+    if header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
+        raise InputError(
+            f"{file} holds deep data, many samples to a pixel.", "Flatten it to a plain image."
+        )
+    low, high = header["dataWindow"]
+    width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+    _check_size(path, width, height)
+    names = _choose_channels(list(channels))
+    if any(
+        (channels[name].xSampling, channels[name].ySampling) != (1, 1) for name in names or channels
+    ):
+        raise InputError(f"{file} holds subsampled channels.", "Save it as plain R, G and B.")
+    if not names:
+        raise InputError(f"{file} holds several channels and none of them is R, G, B or Y.", _HINT)
+    # A block is decoded whole, hidden channels and all.
+    tile = header.get("tiles")
+    texels = tile.xSize * tile.ySize if tile else width * 256
+    if texels * len(channels) * 4 > _LARGEST_BLOCK:
+        raise InputError(
+            f"{file} holds {len(channels)} channels in blocks too large to be read.",
+            "Save R, G and B alone.",
+        )
+    return names, (height, width)
+
+
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing on stderr: OpenEXR complains there of damaged files, past all that Python can catch,
+    and what it says is in the error that it raises.
+    """
+    with _ONE_AT_A_TIME:
+        try:
+            spoken = os.dup(2)
+        except OSError:  # there is no stderr
+            yield
+            return
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nothing, 2)
+            yield
+        finally:
+            os.dup2(spoken, 2)
+            os.close(nothing)
+            os.close(spoken)
 
 
 def _choose_channels(names: list[str]) -> list[str]:
@@ -270,20 +341,3 @@ def _choose_channels(names: list[str]) -> list[str]:
     if len(luminance) == 1 and len(opaque) == 1:
         return luminance
     return opaque if len(opaque) == 1 else []
-
-
-def _write_whole(path: Path, content: memoryview) -> None:
-    """Write beside `path` and rename."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        try:
-            beside.write_bytes(content)
-            beside.replace(path)
-        except BaseException:
-            beside.unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise OutputError(
-            f"{path} cannot be written: {error.strerror or error}.",
-            "Choose an existing folder with free space that can be written to.",
-        ) from error

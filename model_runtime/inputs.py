@@ -15,9 +15,9 @@ import numpy as np
 
 from .brdf import merl, rgl
 from .brdf.measured import MeasuredBRDF
-from .errors import InputError, UsageError
+from .errors import InputError, UsageError, reason, shown
 from .images import MAX_SIDE, read_image, read_packed, resize
-from .maps import Pixels, PrincipledMaps, TorranceSparrowMaps
+from .maps import HALF_MAX, Pixels, PrincipledMaps, TorranceSparrowMaps
 from .texture_names import choose_maps
 
 __all__ = ("Material", "hash_file", "hash_input", "read_input")
@@ -28,6 +28,10 @@ _MEASURED = {".binary": merl.read, ".bsdf": rgl.read}
 _TORRANCE_SPARROW = ("kd", "ks", "alpha")
 _COLORS = ("base_color", "specular_tint", "kd", "ks")
 _DEFAULTS = {"metallic": 0.0, "specular": 0.5, "roughness": 0.5, "ior": 1.5, "specular_tint": 1.0}
+_MOST = {"specular": 100.0, "ior": 1000.0, "specular_tint": 100.0}
+"""The largest number that a map may hold, by name; of all others, reflectances, it is that of half
+floats. So is any Ks that these make together: F0 is at most twice the level, times the tint."""
+
 _UP_TO_ONE = ("metallic", "roughness", "gloss", "alpha", "packed")
 _KINDS = (
     "Give a folder of texture maps, a folder with kd.exr, ks.exr and alpha.exr, "
@@ -64,7 +68,9 @@ def hash_file(path: Path) -> str:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.", "Check the path.") from error
+        raise InputError(
+            f"{shown(path)} cannot be read: {reason(error)}.", "Check the path."
+        ) from error
 
 
 def _is_folder(path: Path) -> bool:
@@ -72,12 +78,13 @@ def _is_folder(path: Path) -> bool:
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path} cannot be read: {reason}.", "Check the path.") from error
+        raise InputError(
+            f"{shown(path)} cannot be read: {reason(error)}.", "Check the path."
+        ) from error
     if stat.S_ISDIR(mode):
         return True
     if not stat.S_ISREG(mode) or path.suffix.lower() not in _MEASURED:
-        raise InputError(f"{path.name} is not a material that can be read.", _KINDS)
+        raise InputError(f"{shown(path.name)} is not a material that can be read.", _KINDS)
     return False
 
 
@@ -86,7 +93,7 @@ def _choose_files(folder: Path) -> dict[str, Path]:
     try:
         names = sorted(entry.name for entry in folder.iterdir())
     except OSError as error:
-        raise InputError(f"{folder} cannot be read: {error.strerror}.", _KINDS) from error
+        raise InputError(f"{shown(folder)} cannot be read: {reason(error)}.", _KINDS) from error
     torrance_sparrow = {
         Path(name).stem.lower(): name
         for name in names
@@ -95,7 +102,7 @@ def _choose_files(folder: Path) -> dict[str, Path]:
     if "kd" in torrance_sparrow or "ks" in torrance_sparrow:
         missing = [f"{name}.exr" for name in _TORRANCE_SPARROW if name not in torrance_sparrow]
         if missing:
-            raise InputError(f"{folder} lacks {' and '.join(missing)}.", _KINDS)
+            raise InputError(f"{shown(folder)} lacks {' and '.join(missing)}.", _KINDS)
         chosen = torrance_sparrow
     else:
         chosen = choose_maps(folder, names)
@@ -104,36 +111,45 @@ def _choose_files(folder: Path) -> dict[str, Path]:
 
 def _inside(folder: Path, name: str) -> Path:
     """The file `name`, which must be a regular file that does not lie elsewhere."""
-    path = folder / name
+    path, file = folder / name, shown(name)
     try:
         resolved = path.resolve(strict=True)
         regular = stat.S_ISREG(resolved.stat().st_mode)
+    except PermissionError as error:
+        raise InputError(f"{file} cannot be read: {reason(error)}.", "Check the path.") from error
     except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle
-        raise InputError(f"{name} is a link that leads nowhere.", "Remove it.") from error
+        raise InputError(f"{file} is a link that leads nowhere.", "Remove it.") from error
     if not resolved.is_relative_to(folder.resolve()):
-        raise InputError(f"{name} is a link out of its folder.", "Copy the image into the folder.")
+        raise InputError(f"{file} is a link out of its folder.", "Copy the image into the folder.")
     if not regular:
-        raise InputError(f"{name} is not a file.", "Remove it.")
+        raise InputError(f"{file} is not a file.", "Remove it.")
     return path
 
 
 def _read_map(name: str, file: Path) -> Pixels:
     """One map, checked texel by texel."""
     pixels = read_packed(file) if name == "packed" else read_image(file, color=name in _COLORS)
-    texels = pixels.reshape(*pixels.shape[:2], -1)
-    for wrong, what in (
-        (~np.isfinite(texels).all(-1), "NaN or infinite"),
-        ((texels < 0).any(-1), "negative"),
-    ):
-        count = int(np.count_nonzero(wrong))
-        if count:
-            y, x = np.argwhere(wrong)[0]
-            raise InputError(
-                f"{file.name} has {count} texels that are {what}, "
-                f"the first in row {y}, column {x}.",
-                "Repair the map, or export it again.",
-            )
+    most = _MOST.get(name, HALF_MAX)
+    if not (pixels.min() >= 0 and pixels.max() <= most):  # nor NaN
+        raise _refused(file, pixels, most)
     return pixels.clip(max=1) if name in _UP_TO_ONE else pixels
+
+
+def _refused(file: Path, pixels: Pixels, most: float) -> InputError:
+    """Says which texels of `pixels` cannot be, or are above `most`."""
+    texels = pixels.reshape(*pixels.shape[:2], -1)
+    checks = {
+        "NaN or infinite": ~np.isfinite(texels),
+        "negative": texels < 0,
+        f"above {most:,.0f}": texels > most,
+    }
+    what, wrong = next((what, found.any(-1)) for what, found in checks.items() if found.any())
+    y, x = np.argwhere(wrong)[0]
+    return InputError(
+        f"{shown(file.name)} has {np.count_nonzero(wrong)} texels that are {what}, "
+        f"the first in row {y}, column {x}.",
+        "Repair the map, or export it again.",
+    )
 
 
 def _read_maps(files: Mapping[str, Path], size: int | None) -> dict[str, Pixels]:
@@ -152,7 +168,7 @@ def _read_maps(files: Mapping[str, Path], size: int | None) -> dict[str, Pixels]
     for name, (h, w) in shapes.items():
         if (h, w) != (1, 1) and abs(h * width / (w * height) - 1) > _ASPECT_TOLERANCE:
             raise InputError(
-                f"{files[name].name} has {w} x {h} pixels and {files[largest].name} "
+                f"{shown(files[name].name)} has {w} x {h} pixels and {shown(files[largest].name)} "
                 f"{width} x {height}, which is another shape.",
                 "Give all maps of the material one shape.",
             )

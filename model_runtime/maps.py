@@ -14,10 +14,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ("Halves", "Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
+__all__ = ("HALF_MAX", "Halves", "Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
 
 Pixels = NDArray[np.float32]
 Halves = NDArray[np.float16]
+
+HALF_MAX = 65504.0
+"""The largest number that half floats hold, in which maps are written."""
 
 
 class _SizedMaps:

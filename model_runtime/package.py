@@ -10,12 +10,13 @@ import hashlib
 import json
 import stat
 import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .errors import ModelFileError
+from .card import ModelCard, check_card, strict_json
+from .errors import ModelFileError, ran_out_of_memory, reason, shown
+from .files import replaced
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -46,29 +47,10 @@ _FORMATS = {
 }
 _MAX_HEADER = 1 << 20
 _MAX_FILE = 1 << 28
+_LARGEST_WEIGHT = 1e4
+"""Beyond any that training makes: those of the bundled models stay below 6."""
+
 _NO_CARD = (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError)
-
-
-@dataclass(frozen=True)
-class ModelCard:
-    """What a model file says of itself. `kind` is "encoder", "estimator" or "ntm"; `details` is
-    the whole card.
-    """
-
-    path: Path
-    kind: str
-    version: int
-    name: str
-    title: str
-    description: str = ""
-    process: str = ""
-    frames: int = 0
-    representation: str = ""
-    domain: Mapping[str, Any] = field(default_factory=dict)
-    source: str = ""
-    license: str = ""
-    trained: Mapping[str, Any] = field(default_factory=dict)
-    details: Mapping[str, Any] = field(default_factory=dict)
 
 
 def _header(path: Path) -> tuple[dict[str, Any], int]:
@@ -82,90 +64,85 @@ def _header(path: Path) -> tuple[dict[str, Any], int]:
             length = struct.unpack("<Q", file.read(8))[0]
             if size > _MAX_FILE or not 0 < length <= min(_MAX_HEADER, size - 8):
                 raise ValueError("its header does not fit")
-            header = json.loads(file.read(length))
+            header = strict_json(file.read(length))
             if not isinstance(header, dict):
                 raise ValueError("its header is not an object")
             return header, 8 + length
     except FileNotFoundError as error:
         raise ModelFileError(
-            f"There is no model file {path}.", "Check the path, or choose a bundled model."
+            f"There is no model file {shown(path)}.", "Check the path, or choose a bundled model."
         ) from error
     except (OSError, ValueError, RecursionError, struct.error) as error:
         raise ModelFileError(
-            f"{path.name} is not a model file ({error}).", "Copy or download it again."
+            f"{shown(path.name)} is not a model file ({reason(error)}).",
+            "Copy or download it again.",
         ) from error
 
 
 def read_card(path: Path) -> ModelCard:
     """The card of the model file at `path`.
 
-    Raises ModelFileError for a file that is missing, truncated, damaged, without a card, or of a
-    newer version than this program knows.
+    Raises ModelFileError for a file that is missing, truncated, damaged, without a card, with one
+    that cannot be shown or lacks what is needed, or of a newer version than this program knows.
     """
     header, start = _header(path)
+    file = shown(path.name)
     try:
-        card = json.loads(header.pop("__metadata__", {})["card"])
+        card = strict_json(header.pop("__metadata__", {})["card"])
         kind = {value: key for key, value in _FORMATS.items()}[card["format"]]
         version = int(card["version"])
-        if version > FORMAT_VERSION:
-            raise ModelFileError(
-                f"{path.name} has format version {version}; this program knows {FORMAT_VERSION}.",
-                "Update the extension.",
-            )
         end = max(int(entry["data_offsets"][1]) for entry in header.values())
-        frames = int(card.get("frames", 0))
-        domain, trained = (_object(card.get(name, {})) for name in ("domain", "trained"))
-    except _NO_CARD as error:
+        size = path.stat().st_size
+    except (*_NO_CARD, OSError) as error:
         raise ModelFileError(
-            f"{path.name} carries no card of a tvbrdf model.",
+            f"{file} carries no card of a tvbrdf model.",
             "Choose a file made by `python -m training`.",
         ) from error
-    if path.stat().st_size != start + end:
-        raise ModelFileError(f"{path.name} is truncated or damaged.", "Copy or download it again.")
-    texts = {
-        key: str(card.get(key, ""))
-        for key in (
-            "name",
-            "title",
-            "description",
-            "process",
-            "representation",
-            "source",
-            "license",
+    if version > FORMAT_VERSION:
+        raise ModelFileError(
+            f"{file} has format version {shown(version)}; this program knows {FORMAT_VERSION}.",
+            "Update the extension.",
         )
-    }
-    return ModelCard(
-        path=path,
-        kind=kind,
-        version=version,
-        frames=frames,
-        domain=domain,
-        trained=trained,
-        details=card,
-        **texts,
-    )
+    if size != start + end:
+        raise ModelFileError(f"{file} is truncated or damaged.", "Copy or download it again.")
+    try:
+        fields = check_card(kind, card)
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(
+            f"The card of {file} cannot be used: {reason(error)}.",
+            "Train the model again, or remove the file.",
+        ) from error
+    return ModelCard(path=path, kind=kind, version=version, **fields)
 
 
-def _object(value: object) -> dict[str, Any]:
-    """A JSON object; TypeError for everything else."""
-    if not isinstance(value, dict):
-        raise TypeError(f"{value!r} is not an object")
-    return value
-
-
-def list_models(folders: Sequence[Path] = (MODELS,)) -> list[ModelCard]:
-    """The cards of all readable NTMs in `folders`, by title; files that are not models are
-    skipped.
+def list_models(
+    folders: Sequence[Path] = (MODELS,),
+    *,
+    skipped: Callable[[ModelFileError], None] = lambda error: None,
+) -> list[ModelCard]:
+    """The cards of all NTMs in `folders`, by title. `skipped` hears of each file and folder that
+    cannot be read.
     """
     cards = []
-    for path in sorted(path for folder in folders for path in folder.glob("*.safetensors")):
+    for folder in folders:
         try:
-            card = read_card(path)
-        except ModelFileError:
+            files = [path for path in folder.iterdir() if path.suffix == ".safetensors"]
+        except FileNotFoundError:
             continue
-        if card.kind == "ntm":
-            cards.append(card)
-    return sorted(cards, key=lambda card: card.title)
+        except OSError as error:
+            skipped(
+                ModelFileError(
+                    f"The folder {shown(folder)} cannot be read ({reason(error)}).",
+                    "Choose another folder for models.",
+                )
+            )
+            continue
+        for path in sorted(files):
+            try:
+                cards.append(read_card(path))
+            except ModelFileError as error:
+                skipped(error)
+    return sorted((card for card in cards if card.kind == "ntm"), key=lambda card: card.title)
 
 
 def find_model(name_or_file: str, folders: Sequence[Path] = (MODELS,)) -> Path:
@@ -178,7 +155,7 @@ def find_model(name_or_file: str, folders: Sequence[Path] = (MODELS,)) -> Path:
             return card.path
     known = ", ".join(card.name for card in cards) or "none"
     raise ModelFileError(
-        f"There is no model called '{name_or_file}'.",
+        f"There is no model called '{shown(name_or_file)}'.",
         f"Use one of these: {known}; or give the path of a .safetensors file.",
     )
 
@@ -200,39 +177,54 @@ def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
     from safetensors.torch import load_file
 
     card = read_card(path)
+    file = shown(path.name)
     if card.kind != kind:
-        raise ModelFileError(
-            f"{path.name} holds an {card.kind}, not an {kind}.", "Choose another file."
-        )
+        raise ModelFileError(f"{file} holds an {card.kind}, not an {kind}.", "Choose another file.")
     try:
         tensors = load_file(path)
     except (safetensors.SafetensorError, OSError) as error:
+        if ran_out_of_memory(error):
+            raise
         raise ModelFileError(
-            f"{path.name} is damaged ({error}).", "Copy or download it again."
+            f"{file} is damaged ({reason(error)}).", "Copy or download it again."
         ) from error
-    other = [name for name, value in tensors.items() if value.dtype != torch.float32]
-    if other:
-        raise ModelFileError(
-            f"{path.name} holds numbers of another kind than single precision ({other[0]}).",
-            "Choose a file made by `python -m training`.",
-        )
-    broken = [name for name, value in tensors.items() if not torch.isfinite(value).all()]
-    if broken:
-        raise ModelFileError(
-            f"{path.name} holds values that are not finite ({broken[0]}).", "Train it again."
-        )
+    for name, value in tensors.items():
+        if value.dtype != torch.float32:
+            raise ModelFileError(
+                f"{file} holds numbers of another kind than single precision ({shown(name)}).",
+                "Choose a file made by `python -m training`.",
+            )
+        if not torch.isfinite(value).all():
+            raise ModelFileError(
+                f"{file} holds values that are not finite ({shown(name)}).", "Train it again."
+            )
+        if bool((value.abs() > _LARGEST_WEIGHT).any()):
+            raise ModelFileError(
+                f"{file} holds values that no training makes, above {_LARGEST_WEIGHT:,.0f} "
+                f"({shown(name)}).",
+                "Copy or download it again.",
+            )
     return tensors, card
 
 
 def save_model(
-    path: Path, tensors: Mapping[str, Tensor], card: Mapping[str, Any], *, kind: str
+    path: Path,
+    tensors: Mapping[str, Tensor],
+    card: Mapping[str, Any],
+    *,
+    kind: str,
+    check: Callable[[Path], object] = lambda file: None,
 ) -> None:
-    """Write `tensors` and `card` to `path`, whole or not at all."""
-    from safetensors.torch import save_file
+    """Write `tensors` and `card` to `path`, whole or not at all: `check` may refuse what it finds
+    in the file by raising an error, before that takes its place.
+
+    Raises OutputError where it cannot be written.
+    """
+    from safetensors.torch import save
 
     card = {"format": _FORMATS[kind], "version": FORMAT_VERSION, **card}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(path.name + ".partial")
     contiguous = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    save_file(contiguous, beside, metadata={"card": json.dumps(card)})
-    beside.replace(path)
+    content = save(contiguous, metadata={"card": json.dumps(card)})
+    with replaced(path, parents=True) as beside:
+        beside.write_bytes(content)
+        check(beside)

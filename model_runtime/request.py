@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import package
-from .errors import TvbrdfError, UsageError
+from .errors import ModelFileError, TvbrdfError, UsageError, memory_in_words, reason, shown
 
 if TYPE_CHECKING:
     from .age import AgeRequest
 
-__all__ = ("CHOICES", "MissingLibraryError", "cards", "load_age", "option", "request_from")
+__all__ = (
+    "CHOICES",
+    "MissingLibraryError",
+    "cards",
+    "load_age",
+    "option",
+    "request_from",
+)
 
 CHOICES: Mapping[str, tuple[str, ...]] = {
     "quality": ("draft", "balanced", "exact"),
@@ -24,6 +30,12 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "format": ("torrance-sparrow", "principled", "principled-exact"),
     "binding": ("auto", "live", "frames"),
 }
+
+
+_RANGES = {"frames": (1, 10_000), "size": (1, 16_384), "seed": (0, 2**63 - 1)}
+"""What whole numbers may be: frames as many as four digits count, a size as images may have."""
+
+_MOST_DB = 1000
 
 
 class MissingLibraryError(TvbrdfError):
@@ -37,12 +49,14 @@ def load_age() -> Callable[..., dict[str, Any]]:
 
     Raises:
         MissingLibraryError: torch or another library is absent or does not load.
+        OutOfMemoryError: there is not enough memory for them.
     """
     try:
-        from .age import age
+        with memory_in_words("Close other programs."):
+            from .age import age
     except (ImportError, OSError) as error:
         raise MissingLibraryError(
-            f"{sys.executable} cannot load what ageing needs ({error}).",
+            f"{shown(Path(sys.executable))} cannot load what ageing needs ({reason(error)}).",
             "Install the extension again from the zip made for this system, or set Worker Python "
             "in its preferences to a Python that has torch, numpy, OpenEXR and safetensors.",
         ) from error
@@ -60,39 +74,46 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     given: dict[str, Any] = {name: value for name, value in fields.items() if value is not None}
     known = {field.name for field in dataclasses.fields(AgeRequest)}
     if unknown := sorted(given.keys() - known):
-        raise UsageError(f"There is no setting called {unknown[0]}.", f"There are {sorted(known)}.")
+        raise UsageError(
+            f"There is no setting called {shown(unknown[0])}.", f"There are {sorted(known)}."
+        )
     for name in ("input", "ntm", "output"):
         if not isinstance(given.get(name), str) or not given[name]:
             raise UsageError(f"The setting {name} is missing.", "Give it as text.")
     for name in ("onset", *CHOICES):
         if name in given and not isinstance(given[name], str):
-            raise UsageError(f"The setting {name} must be text, not {given[name]!r}.")
+            raise UsageError(f"The setting {name} must be text, not {shown(given[name])}.")
     for name, choices in CHOICES.items():
         if name in given and given[name] not in choices:
             raise UsageError(
-                f"{option(name)} cannot be {given[name]}.", f"Choose one of {', '.join(choices)}."
+                f"{option(name)} cannot be {shown(given[name])}.",
+                f"Choose one of {', '.join(choices)}.",
             )
-    for name, least in (("frames", 1), ("size", 1), ("seed", 0)):
-        if name in given:
-            value = given[name]
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise UsageError(f"{option(name)} must be a whole number of at least {least}.")
+    for name, (least, most) in _RANGES.items():
+        if name in given and not (type(given[name]) is int and least <= given[name] <= most):
+            raise UsageError(f"{option(name)} must be a whole number from {least} to {most}.")
     if "tolerance" in given:
         value = given["tolerance"]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
-            raise UsageError(f"{option('tolerance')} must be a positive number of dB.")
-        given["tolerance"] = float(value)
-        if math.isinf(given["tolerance"]):
+        if type(value) not in (int, float) or not 0 < value <= _MOST_DB:
             raise UsageError(
-                f"{option('tolerance')} must be finite.", "Quality exact leaves nothing out."
+                f"{option('tolerance')} must be a positive number of dB, at most {_MOST_DB}.",
+                "Quality exact leaves nothing out.",
             )
+        given["tolerance"] = float(value)
     given["input"], given["output"] = Path(given["input"]), Path(given["output"])
     return AgeRequest(**given)
 
 
-def cards(ntm: str | None) -> list[dict[str, Any]]:
-    """The cards of all bundled models, or of the one that `ntm` (a name or a file) means."""
-    found = package.list_models() if ntm is None else [package.read_card(package.find_model(ntm))]
+def cards(
+    ntm: str | None, *, skipped: Callable[[ModelFileError], None] = lambda error: None
+) -> list[dict[str, Any]]:
+    """The cards of all bundled models, or of the one that `ntm` (a name or a file) means; `skipped`
+    hears of each file that cannot be listed.
+    """
+    if ntm is None:
+        found = package.list_models(skipped=skipped)
+    else:
+        found = [package.read_card(package.find_model(ntm))]
     return [{**card.details, "path": str(card.path)} for card in found]
 
 

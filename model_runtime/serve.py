@@ -3,11 +3,13 @@
 Requests are `{"id", "verb": "age" | "info" | "cancel" | "shutdown", "args"}`.  Replies carry the
 request's `id` and a `type`: `progress` (`stage`, `fraction`), `warning` (`message`), `error`
 (`code`, `message`, `hint`) or `done` (`result`).  The first line of all is `ready` (`protocol`,
-`version`).
+`version`); `loaded` says that torch is imported.  While it imports or ages, an `alive` comes every
+two seconds.  What is no request, or a wrong one, gets an error reply; the worker goes on.
 
 The main thread ages, one request at a time.  A second thread reads stdin and answers everything
-else at once, so that a run can be cancelled.  The process ends when it is asked to, after a time
-without a run, and when stdin closes, which it does however Blender ended.
+else at once, so that a run can be cancelled; a third gives the signs of life.  The process ends
+when it is asked to, after a time without a run, and when stdin closes, which it does however
+Blender ended.
 """
 
 from __future__ import annotations
@@ -17,12 +19,13 @@ import os
 import queue
 import sys
 import threading
+import time
 import traceback
-from collections.abc import Mapping
-from typing import Any, TextIO
+from collections.abc import Callable, Mapping
+from typing import Any, BinaryIO, TextIO
 
 from . import __version__
-from .errors import Cancelled, TvbrdfError
+from .errors import Cancelled, TvbrdfError, UsageError
 from .request import MissingLibraryError, cards, load_age, request_from
 
 __all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "claim_stdout", "serve")
@@ -32,6 +35,9 @@ IDLE_MINUTES = 10.0
 
 # How long a run may take to notice that stdin has closed before the process ends under it.
 GRACE_SECONDS = 20.0
+HEARTBEAT_SECONDS = 2.0
+# A request is some paths and numbers.
+LONGEST_LINE = 1 << 20
 
 
 class Server:
@@ -40,11 +46,12 @@ class Server:
     `idle_seconds` is how long it waits for a next run before it ends.
     """
 
-    def __init__(self, *, requests: TextIO, replies: TextIO, idle_seconds: float) -> None:
+    def __init__(self, *, requests: BinaryIO, replies: TextIO, idle_seconds: float) -> None:
         self._requests = requests
         self._replies = replies
-        self._idle_seconds = idle_seconds
+        self._idle_seconds = min(idle_seconds, threading.TIMEOUT_MAX)
         self._reply_lock = threading.Lock()
+        self._busy = threading.Event()
         self._runs: queue.Queue[_Run | None] = queue.Queue()
         # Guards `_run`, the run that is going on or about to begin.
         self._run_lock = threading.Lock()
@@ -53,47 +60,66 @@ class Server:
     def serve(self) -> None:
         """Announce readiness, then age what is asked for until there is a reason to end."""
         self._reply({"type": "ready", "protocol": PROTOCOL, "version": __version__})
-        threading.Thread(target=self._read, name="requests", daemon=True).start()
+        self._busy.set()
+        for work in (self._read, self._give_signs_of_life):
+            threading.Thread(target=work, daemon=True).start()
         _warm_up()
+        self._reply({"id": None, "type": "loaded"})
         while True:
+            self._busy.clear()
             try:
                 run = self._runs.get(timeout=self._idle_seconds)
             except queue.Empty:
                 return
             if run is None:
                 return
+            self._busy.set()
             self._age(run)
 
-    def _read(self) -> None:
-        for line in self._requests:
-            if line.strip() and not self._handle(line):
-                break
-        self._end()
+    def _give_signs_of_life(self) -> None:
+        while self._busy.wait():
+            self._reply({"id": None, "type": "alive"})
+            time.sleep(HEARTBEAT_SECONDS)
 
-    def _handle(self, line: str) -> bool:
+    def _read(self) -> None:
+        try:
+            while line := self._requests.readline(LONGEST_LINE):
+                if len(line) == LONGEST_LINE and not line.endswith(b"\n"):
+                    self._skip_line()
+                    self._reply_error(None, "protocol", "This line is too long for a request.")
+                elif line.strip() and not self._handle(line):
+                    break
+        finally:
+            self._end()
+
+    def _skip_line(self) -> None:
+        while (rest := self._requests.readline(LONGEST_LINE)) and not rest.endswith(b"\n"):
+            pass
+
+    def _handle(self, line: bytes) -> bool:
         """Answer one request or queue its run; False where it was the last one."""
         try:
-            request = json.loads(line)
-            request_id, verb = request["id"], request["verb"]
-            args = request.get("args") or {}
-            if not isinstance(args, dict):
-                raise TypeError(args)
-        except (ValueError, KeyError, TypeError, AttributeError):
-            self._reply_error(None, "protocol", f"This is not a request: {line.strip()[:200]}")
+            request = json.loads(line.decode())
+            request_id, verb, args = request["id"], request["verb"], request.get("args")
+            if not isinstance(request_id, int | str) or not isinstance(args, dict | None):
+                raise TypeError(request)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            shown = ascii(line[:200].decode(errors="replace").strip())
+            self._reply_error(None, "protocol", f"This is not a request: {shown}")
             return True
+        args = args or {}
         match verb:
             case "age":
                 self._accept(_Run(self, request_id, args))
             case "cancel":
-                self._cancel(args.get("id"))
-                self._reply({"id": request_id, "type": "done", "result": {}})
+                self._answer(request_id, lambda: self._cancel_run(args.get("id")))
             case "info":
-                self._answer_info(request_id, args)
+                self._answer(request_id, lambda: _cards(args))
             case "shutdown":
                 self._reply({"id": request_id, "type": "done", "result": {}})
                 return False
             case _:
-                self._reply_error(request_id, "protocol", f"There is no verb {verb!r}.")
+                self._reply_error(request_id, "protocol", f"There is no verb {ascii(verb)[:200]}.")
         return True
 
     def _accept(self, run: _Run) -> None:
@@ -109,48 +135,45 @@ class Server:
             self._run = run
         self._runs.put(run)
 
-    def _cancel(self, request_id: Any) -> None:
+    def _cancel_run(self, request_id: Any) -> dict[str, Any]:
         with self._run_lock:
-            if self._run is not None and request_id in (None, self._run.request_id):
-                self._run.cancel()
-
-    def _answer_info(self, request_id: Any, args: Mapping[str, Any]) -> None:
-        try:
-            self._reply({"id": request_id, "type": "done", "result": cards(args.get("ntm"))})
-        except TvbrdfError as error:
-            self._reply_error(request_id, error.code, error.message, error.hint)
+            if self._run is None or request_id not in (None, self._run.request_id):
+                raise UsageError("There is no such run to cancel.", "It may have just ended.")
+            self._run.cancel()
+        return {}
 
     def _end(self) -> None:
-        self._cancel(None)
+        with self._run_lock:
+            running = self._run is not None
+            if self._run is not None:
+                self._run.cancel()
         self._runs.put(None)
         # Neither a run that is deep in one long computation nor the import of torch may keep it.
-        with self._run_lock:
-            patience = GRACE_SECONDS if self._run is not None else 0.0
-        timer = threading.Timer(patience, os._exit, args=(0,))
+        timer = threading.Timer(GRACE_SECONDS if running else 0.0, os._exit, args=(0,))
         timer.daemon = True
         timer.start()
 
     def _age(self, run: _Run) -> None:
+        def age() -> dict[str, Any]:
+            try:
+                return run.age()
+            finally:
+                with self._run_lock:
+                    self._run = None
+
+        self._answer(run.request_id, age)
+
+    def _answer(self, request_id: Any, compute: Callable[[], Any]) -> None:
+        """Reply with what `compute` returns, or why it does not."""
         try:
-            reply = {"type": "done", "result": run.age()}
+            reply = {"type": "done", "result": compute()}
+            json.dumps(reply)
         except TvbrdfError as error:
             reply = _error(error.code, error.message, error.hint)
-        except MemoryError:
-            reply = _error(
-                "memory",
-                "There is not enough memory for this run.",
-                "Choose a smaller size or fewer frames.",
-            )
         except Exception as error:
             traceback.print_exc()
-            reply = _error(
-                "internal",
-                f"Something went wrong inside the worker: {type(error).__name__}: {error}",
-                "The system console shows the details; please report them.",
-            )
-        with self._run_lock:
-            self._run = None
-        self._reply({"id": run.request_id} | reply)
+            reply = _unforeseen(error)
+        self._reply({"id": request_id} | reply)
 
     def _reply_error(self, request_id: Any, code: str, message: str, hint: str = "") -> None:
         self._reply({"id": request_id} | _error(code, message, hint))
@@ -160,7 +183,7 @@ class Server:
             try:
                 self._replies.write(json.dumps(message) + "\n")
                 self._replies.flush()
-            except (BrokenPipeError, ValueError):
+            except (OSError, ValueError):
                 # Nobody listens any more: stdin closes as well, which ends the process.
                 return
 
@@ -201,7 +224,7 @@ def serve(*, idle_seconds: float) -> None:
     A library that prints, or a child that reads, must not get between the messages.
     """
     replies = claim_stdout()
-    requests = os.fdopen(os.dup(0), "r", encoding="utf-8", errors="replace")
+    requests = os.fdopen(os.dup(0), "rb")
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
@@ -225,6 +248,36 @@ def _warm_up() -> None:
         load_age()
     except MissingLibraryError as error:
         print(error, file=sys.stderr)
+    except Exception:
+        traceback.print_exc()
+
+
+def _cards(args: Mapping[str, Any]) -> list[dict[str, Any]]:
+    ntm = args.get("ntm")
+    if not isinstance(ntm, str | None):
+        raise UsageError("The setting ntm must be text.")
+    return cards(ntm)
+
+
+def _unforeseen(error: Exception) -> dict[str, Any]:
+    if isinstance(error, MemoryError) or _is_torchs_memory_error(error):
+        return _error(
+            "memory",
+            "There is not enough memory for this run.",
+            "Choose a smaller size or fewer frames.",
+        )
+    reply = _error(
+        "internal", f"Something went wrong inside the worker: {type(error).__name__}: {error}", ""
+    )
+    return reply | {"details": traceback.format_exc()}
+
+
+def _is_torchs_memory_error(error: Exception) -> bool:
+    # Of a GPU it is a class of its own; on the CPU it is told by its text.
+    return isinstance(error, RuntimeError) and (
+        type(error).__name__ == "OutOfMemoryError"
+        or any(words in str(error) for words in ("can't allocate memory", "not enough memory"))
+    )
 
 
 def _error(code: str, message: str, hint: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import InputError
+from .errors import InputError, shown
 from .images import EXTENSIONS
 
 __all__ = ("choose_maps",)
@@ -82,13 +82,13 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
         if candidate:
             found[candidate.map].append(candidate)
     if not found["base_color"]:
-        raise InputError(f"{folder} holds no base colour map.", _HINT)
+        raise InputError(f"{shown(folder)} holds no base colour map.", _HINT)
 
     materials = sorted({candidate.material for candidate in found["base_color"]})
     if len(materials) > 1:
-        named = " and ".join(_shown(material) for material in materials[:2])
+        named = " and ".join(_named(material) for material in materials[:2])
         raise InputError(
-            f"{folder} holds several materials: {named}.", "Give each a folder of its own."
+            f"{shown(folder)} holds several materials: {named}.", "Give each a folder of its own."
         )
     chosen: dict[str, str] = {}
     for map_name, candidates in found.items():
@@ -96,8 +96,8 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
         others = sorted({candidate.material for candidate in candidates})
         if not own and len(others) > 1:
             raise InputError(
-                f"{folder} holds several {map_name.replace('_', ' ')} maps, of "
-                f"{_shown(others[0])} and {_shown(others[1])}, and none of {_shown(materials[0])}.",
+                f"{shown(folder)} holds several {map_name.replace('_', ' ')} maps, of "
+                f"{_named(others[0])} and {_named(others[1])}, and none of {_named(materials[0])}.",
                 "Keep the one that belongs to the material.",
             )
         chosen[map_name] = min(own or candidates, key=lambda candidate: candidate.order).file
@@ -108,8 +108,8 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
     return chosen
 
 
-def _shown(material: str) -> str:
-    return f"'{material}'" if material else "one without a name"
+def _named(material: str) -> str:
+    return f"'{shown(material)}'" if material else "one without a name"
 
 
 def _read_name(name: str) -> _Candidate | None:

@@ -13,6 +13,8 @@ is this working tree, whatever its folder is called.
 
 `paint`, `steel`: folders with maps of painted steel (64 px) and with one uniform texel of steel.
 
+`worker`: the stub worker, as Blender would start it; `script(code)`: one made of a few lines.
+
 Properties are tried on the same examples every time in CI, and on new ones elsewhere.
 
 Fixtures that need Blender are described in `tests/blender/conftest.py`.
@@ -24,13 +26,18 @@ import importlib.abc
 import importlib.util
 import os
 import sys
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Callable, Iterator
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import hypothesis
 import pytest
+
+if TYPE_CHECKING:
+    from tvbrdf.tvbrdf_addon.worker import Worker
 
 ROOT = Path(__file__).resolve().parents[1]
 EXIT_STATUS = pytest.StashKey[int]()
@@ -112,3 +119,31 @@ def steel(place: Path) -> Path:
     from tests.ageing import write_torrance_sparrow
 
     return write_torrance_sparrow(place / "steel")
+
+
+@pytest.fixture
+def worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
+    from tvbrdf.tvbrdf_addon.worker import Launch, Worker
+
+    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0.1")
+    stub = Path(__file__).with_name("stub_worker.py")
+    worker = Worker(Launch(runtime=ROOT, interpreter=str(stub)))
+    yield worker
+    worker.stop()
+
+
+@pytest.fixture
+def script(tmp_path: Path) -> Iterator[Callable[[str], Worker]]:
+    from tvbrdf.tvbrdf_addon.worker import Launch, Worker
+
+    workers = []
+
+    def make(code: str) -> Worker:
+        path = tmp_path / "worker.py"
+        path.write_text(textwrap.dedent(code))
+        workers.append(Worker(Launch(runtime=ROOT, interpreter=str(path))))
+        return workers[-1]
+
+    yield make
+    for worker in workers:
+        worker.stop()

@@ -10,6 +10,7 @@ from model_runtime.package import ENCODER
 from training.checkpoint import load_checkpoint, save_checkpoint
 
 RUN = {"seed": 0}
+FRESH = {"step": 0, "iterations": 9, "seconds": 0.0, "run": RUN}
 
 
 def parts():
@@ -25,13 +26,11 @@ def test_everything_comes_back(tmp_path):
         model(torch.rand(4, 3, generator=g)).square().sum().backward()
         optimizer.step()
     path = tmp_path / "new" / "c.safetensors"
-    save_checkpoint(
-        path, model=model, optimizer=optimizer, generator=g, record={"step": 3, "run": RUN}
-    )
+    save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record=FRESH | {"step": 3})
     expected = torch.rand(2, generator=g)
     other, adam, h = parts()
-    record = load_checkpoint(path, model=other, optimizer=adam, generator=h, run=RUN)
-    assert record == {"step": 3, "run": RUN}
+    record = load_checkpoint(path, model=other, optimizer=adam, generator=h, fresh=FRESH)
+    assert record == FRESH | {"step": 3}
     assert torch.equal(other.weight, model.weight)
     one, two = (o.state_dict()["state"][0] for o in (optimizer, adam))
     assert all(torch.equal(one[key], two[key]) for key in ("exp_avg", "exp_avg_sq", "step"))
@@ -42,16 +41,16 @@ def test_everything_comes_back(tmp_path):
 def test_before_the_first_step(tmp_path):
     model, optimizer, g = parts()
     path = tmp_path / "c.safetensors"
-    save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"run": RUN})
-    record = load_checkpoint(path, model=model, optimizer=optimizer, generator=g, run=RUN)
-    assert record == {"run": RUN}
+    save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record=FRESH)
+    record = load_checkpoint(path, model=model, optimizer=optimizer, generator=g, fresh=FRESH)
+    assert record == FRESH
 
 
 @pytest.mark.parametrize("damage", ["missing", "cut", "other shapes", "a model file"])
 def test_damage_is_a_sentence(tmp_path, damage: str):
     model, optimizer, g = parts()
     path = tmp_path / "c.safetensors"
-    save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record={"run": RUN})
+    save_checkpoint(path, model=model, optimizer=optimizer, generator=g, record=FRESH)
     if damage == "missing":
         path.unlink()
     elif damage == "cut":
@@ -61,5 +60,5 @@ def test_damage_is_a_sentence(tmp_path, damage: str):
     else:
         path.write_bytes(ENCODER.read_bytes())
     with pytest.raises(ModelFileError, match=r"c\.safetensors") as error:
-        load_checkpoint(path, model=model, optimizer=optimizer, generator=g, run=RUN)
+        load_checkpoint(path, model=model, optimizer=optimizer, generator=g, fresh=FRESH)
     assert "--resume" in error.value.hint

@@ -86,7 +86,7 @@ def test_incomplete_commands_are_exit_code_2(words: list[str]):
 
 def test_info_needs_neither_torch_nor_numpy(tmp_path: Path):
     model = tmp_path / "moss.safetensors"
-    card = {"name": "moss", "title": "Moss", "description": "Grows", "license": "CC0-1.0"}
+    card = {"name": "moss", "title": "Moss", "description": "Grows", "temporal_model": "affine"}
     save_model(model, {"weight": torch.zeros(2)}, card, kind="ntm")
     code = (
         "import sys\n"

@@ -2,72 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
-import subprocess
-import sys
-import textwrap
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.scripted_worker import READY, all_of
+from tvbrdf.tvbrdf_addon import process as process_module
 from tvbrdf.tvbrdf_addon import worker as worker_module
 from tvbrdf.tvbrdf_addon.errors import WorkerError
 from tvbrdf.tvbrdf_addon.worker import Done, Launch, Notice, Progress, Worker, run
 
 ROOT = Path(__file__).resolve().parents[1]
-STUB = Path(__file__).with_name("stub_worker.py")
-
-
-@pytest.fixture(autouse=True)
-def _no_other_worker(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("TVBRDF_WORKER", raising=False)
-    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0.1")
-
-
-@pytest.fixture
-def worker() -> Iterator[Worker]:
-    worker = Worker(Launch(runtime=ROOT, interpreter=str(STUB)))
-    yield worker
-    worker.stop()
-
-
-@pytest.fixture
-def script(tmp_path: Path) -> Iterator[Callable[[str], Worker]]:
-    """A worker made of a few lines of Python."""
-    workers = []
-
-    def make(code: str) -> Worker:
-        path = tmp_path / "worker.py"
-        path.write_text(textwrap.dedent(code))
-        workers.append(Worker(Launch(runtime=ROOT, interpreter=str(path))))
-        return workers[-1]
-
-    yield make
-    for worker in workers:
-        worker.stop()
 
 
 def request(tmp_path: Path, **changes: object) -> dict:
     return {"input": str(tmp_path), "ntm": "rust", "output": str(tmp_path / "out")} | changes
-
-
-def all_of(messages: Iterator, each: Callable[[object], None] = lambda message: None) -> list:
-    """Every message of a run, as the blocking path takes them; `each` hears them as they come."""
-    heard = []
-    for message in messages:
-        if message is None:
-            time.sleep(0.01)
-        else:
-            heard.append(message)
-            each(message)
-    return heard
-
-
-READY = 'import json, sys, time\nprint(json.dumps({"type": "ready", "protocol": 1}), flush=True)\n'
 
 
 def test_a_run_ends_with_its_result(worker: Worker, tmp_path: Path):
@@ -122,7 +74,7 @@ def test_letting_go_of_a_run_cancels_it(worker: Worker, tmp_path: Path, monkeypa
 
 def test_a_worker_deaf_to_cancel_is_killed(script, monkeypatch):
     monkeypatch.setattr(worker_module, "CANCEL_SECONDS", 0.2)
-    monkeypatch.setattr(worker_module, "SHUTDOWN_SECONDS", 0.2)
+    monkeypatch.setattr(process_module, "SHUTDOWN_SECONDS", 0.2)
     deaf = script(READY + "time.sleep(60)")
     with pytest.raises(WorkerError) as caught:
         all_of(run(deaf, "age", {}, cancelled=lambda: True))
@@ -175,12 +127,25 @@ sys.stdin.readline()
     assert all_of(run(leaving, "age", {})) == [Done({"second": True})]
 
 
-def test_a_crash_on_start_shows_the_last_words(script, capfd):
+def test_a_worker_that_always_leaves_is_started_twice(script, tmp_path: Path):
+    leaving = script(
+        f"with open({str(tmp_path / 'starts')!r}, 'a') as starts:\n    starts.write('x')\n"
+        + READY
+        + "sys.stdin.readline()"
+    )
+    with pytest.raises(WorkerError, match="ended") as caught:
+        all_of(run(leaving, "age", {}))
+    assert caught.value.code == "died"
+    assert (tmp_path / "starts").read_text() == "xx"
+
+
+def test_a_crash_on_start_shows_the_last_words(script):
     broken = script("import a_module_that_is_not_there")
     with pytest.raises(WorkerError) as caught:
         all_of(run(broken, "age", {}))
     assert "a_module_that_is_not_there" in caught.value.hint
-    assert "Traceback" in capfd.readouterr().err
+    assert "Traceback" not in str(caught.value)
+    assert "Traceback" in caught.value.details
 
 
 def test_a_missing_interpreter_is_named(tmp_path: Path):
@@ -260,40 +225,20 @@ def test_stop_ends_the_process_and_can_be_repeated(worker: Worker):
     assert worker.pid is None
 
 
-def test_the_workers_python_is_not_the_users(tmp_path: Path, monkeypatch):
-    """Neither PYTHONPATH nor the user's site-packages lead in; the extension's packages do."""
-    users, ours = tmp_path / "users", tmp_path / "ours"
-    for folder, word in ((users, "users"), (ours, "extension")):
-        folder.mkdir()
-        (folder / "whose.py").write_text(f"WORD = {word!r}")
-    (users / "only_the_users.py").write_text("")
-    package = tmp_path / "runtime" / "model_runtime"
-    package.mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "__main__.py").write_text(
-        "import importlib.util, json, sys\nimport whose\n"
-        "print(json.dumps({'whose': whose.WORD, 'arguments': sys.argv[1:], "
-        "'leak': importlib.util.find_spec('only_the_users') is not None}))"
+def test_what_the_worker_says_can_be_shown(script):
+    """Not in the words of the worker: no half characters, no terminal's codes, no million."""
+    rude = script(
+        READY
+        + r"""
+request = json.loads(sys.stdin.readline())
+bad = "caf\udce9 \x1b[2J" + "x" * 100000
+for reply in ({"type": "warning", "message": bad}, {"type": "error", "message": bad, "hint": bad}):
+    print(json.dumps({"id": request["id"], **reply}), flush=True)
+"""
     )
-    monkeypatch.setenv("PYTHONPATH", str(users))
-    launch = Launch(runtime=tmp_path / "runtime", site_packages=(ours,), idle_minutes=3)
-    out = subprocess.run(launch.command(), capture_output=True, text=True, check=True).stdout
-    assert json.loads(out) == {
-        "whose": "extension",
-        "arguments": ["serve", "--idle-minutes", "3"],
-        "leak": False,
-    }
-
-
-def test_a_chosen_python_keeps_its_own_packages(tmp_path: Path):
-    """A CUDA build of torch elsewhere must not be hidden by the wheels of the extension."""
-    launch = Launch(runtime=ROOT, site_packages=(tmp_path,), interpreter=sys.executable)
-    command = launch.command()
-    assert command[0] == sys.executable
-    assert str(tmp_path) not in " ".join(command)
-
-
-def test_the_preference_goes_before_the_environment(monkeypatch):
-    monkeypatch.setenv("TVBRDF_WORKER", str(STUB))
-    assert Launch(runtime=ROOT).command()[:2] == [sys.executable, str(STUB)]
-    assert Launch(runtime=ROOT, interpreter=sys.executable).command()[1] == "-c"
+    heard: list[object] = []
+    with pytest.raises(WorkerError) as caught:
+        all_of(run(rude, "age", {}), heard.append)
+    for text in (heard[0].text, caught.value.message, caught.value.hint):
+        assert text.startswith("caf� �[2Jxxx")
+        assert len(text.encode()) < 2000

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 from json import dumps
-from math import isfinite
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
-from model_runtime.errors import TvbrdfError, UsageError
+from model_runtime.errors import TvbrdfError, UsageError, memory_in_words, reason, shown
+
+_MOST_MINUTES = 1e6
 
 app = tyro.extras.SubcommandApp()
 
@@ -35,7 +36,7 @@ def encoder(
     """
     from .encoder import train_encoder
 
-    _check_minutes(minutes)
+    _check(minutes, seed)
 
     train_encoder(config=config, output=output, resume=resume, minutes=minutes, seed=seed)
 
@@ -54,7 +55,7 @@ def estimator(encoder: Path, output: Path, minutes: float | None = None, seed: i
     """
     from .estimator import train_estimator
 
-    _check_minutes(minutes)
+    _check(minutes, seed)
 
     train_estimator(encoder=encoder, output=output, minutes=minutes, seed=seed)
 
@@ -92,7 +93,7 @@ def ntm(
     """
     from .ntm import train_ntm
 
-    _check_minutes(minutes)
+    _check(minutes, seed)
 
     card = {
         "name": name,
@@ -133,6 +134,8 @@ def weathering(
         seed: of all random numbers.
     """
     from .data import weathering as sequences
+
+    _check(None, seed)
 
     sequences.write(process, output, size=size, frames=frames, seed=seed)
 
@@ -198,20 +201,31 @@ def evaluate(
     print(dumps(report.json(), indent=1) if json else table)
 
 
-def _check_minutes(minutes: float | None) -> None:
-    if minutes is not None and not (minutes > 0 and isfinite(minutes)):
+def _check(minutes: float | None, seed: int) -> None:
+    if minutes is not None and not 0 < minutes <= _MOST_MINUTES:
         raise UsageError(f"A training of {minutes:g} minutes makes no sense.", "Give a few.")
+    if not 0 <= seed < 1 << 63:
+        raise UsageError("The seed is out of range.", "Give a whole number from 0.")
 
 
 def main() -> int:
-    """Run the command line; 0 when done, 1 when it failed with a reason, 2 for wrong
-    usage.
+    """Run the command line; 0 when done, 1 when it failed with a reason, 2 for wrong usage, 130
+    when it was interrupted.
     """
     try:
-        app.cli(prog="python -m training")
+        with memory_in_words("Take fewer or smaller frames, or close other programs."):
+            app.cli(prog="python -m training")
     except TvbrdfError as error:
         print(error, file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
+    except OSError as error:
+        print(f"{shown(error.filename or 'A file')}: {reason(error)}.", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(
+            "\nInterrupted. A training goes on from its checkpoint with --resume.", file=sys.stderr
+        )
+        return 130
     return 0
 
 

@@ -12,8 +12,9 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from model_runtime.files import check_writable
 from model_runtime.package import save_model
-from model_runtime.representation import Trained, build
+from model_runtime.representation import Trained, build, load_representation
 from model_runtime.representation.latents import Latents, Representation, log_transform
 from model_runtime.representation.lobes import LobeRepresentation, compress
 
@@ -23,6 +24,7 @@ from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
 from .distillation import distil
 from .evaluation.metric import tone_map
+from .log import open_log
 from .progress import Progress
 
 __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
@@ -195,15 +197,15 @@ def train_encoder(
     uninterrupted one. `minutes` sets the number of iterations, at a speed measured first. Minutes
     are those of a core, so that runs beside others compare.
     """
-    from torch.utils.tensorboard import SummaryWriter
-
     recipe = CONFIGS[config]
+    checkpoint = output.with_suffix(".checkpoint.safetensors")
+    for file in (output, checkpoint):
+        check_writable(file)
     torch.manual_seed(seed)
     g = torch.Generator().manual_seed(seed)
     measured = load(data_folder(), "merl").without(HELD_OUT)
     model = build(recipe.representation)
     optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate, betas=(0.9, 0.99))
-    checkpoint = output.with_suffix(".checkpoint.safetensors")
     run = {"seed": seed, "config": asdict(recipe)}
     record: dict[str, Any] = {
         "step": 0,
@@ -213,10 +215,12 @@ def train_encoder(
         "run": run,
     }
     if resume and checkpoint.exists():
-        record = load_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, run=run)
+        record = load_checkpoint(
+            checkpoint, model=model, optimizer=optimizer, generator=g, fresh=record
+        )
     elif minutes is not None:
         record["iterations"] = _iterations_in(minutes, model, recipe, measured)
-    writer = SummaryWriter(output.with_suffix(".tensorboard"))
+    writer = open_log(output.with_suffix(".tensorboard"))
     progress = Progress.load(data_folder()) if recipe.looks else None
     start, saved = time.process_time() - record["seconds"], time.monotonic()
     bar = tqdm(range(record["step"], record["iterations"]), initial=record["step"])
@@ -277,6 +281,7 @@ def train_encoder(
             },
         },
         kind="encoder",
+        check=load_representation,
     )
     return output
 

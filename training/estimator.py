@@ -10,11 +10,13 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from model_runtime.errors import shown
+from model_runtime.files import check_writable
 from model_runtime.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.package import save_model
 from model_runtime.plan import viewed
 from model_runtime.representation import Trained, load_representation
-from model_runtime.representation.estimator import ParameterEstimator, as_states
+from model_runtime.representation.estimator import ParameterEstimator, as_states, load_estimator
 from model_runtime.representation.latents import Latents
 from model_runtime.representation.lobes import compress
 
@@ -57,6 +59,7 @@ def train_estimator(
     It learns what the fit finds in `materials` random latents, in so many `iterations`, which make
     the same file again, or for `minutes` of a core, which may not.
     """
+    check_writable(output)
     torch.manual_seed(seed)
     g = torch.Generator().manual_seed(seed)
     representation, identity = load_representation(encoder)
@@ -92,7 +95,7 @@ def train_estimator(
             optimizer.step()
             step += 1
             bar.update(int(100 * done) - bar.n)
-    options = f"--encoder {encoder} --output {output} --seed {seed}"
+    options = f"--encoder {shown(encoder)} --output {shown(output)} --seed {seed}"
     options += f" --minutes {minutes:g}" if minutes is not None else ""
     save_model(
         output,
@@ -112,6 +115,7 @@ def train_estimator(
             },
         },
         kind="estimator",
+        check=lambda file: load_estimator(identity, file),
     )
     return output
 

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf import torrance_sparrow
+from model_runtime.errors import InputError, shown
 from model_runtime.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.representation.latents import Representation
 from model_runtime.timing import Timing
@@ -150,7 +151,14 @@ def _encode(states: Tensor, values, representation: Representation, angles: Tens
 def _mixture_histories(
     sequence: MixtureSequence, weights: np.ndarray, representation: Representation
 ) -> SourceHistories:
-    measured = load(data_folder(), "merl").select(list(sequence.materials))
+    known = load(data_folder(), "merl")
+    for material in sequence.materials:
+        if material not in known.names:
+            raise InputError(
+                f"There is no measured material called {shown(material)}.",
+                f"Name two of MERL in mixture.json, such as {' and '.join(known.names[:2])}.",
+            )
+    measured = known.select(list(sequence.materials))
 
     def pure(angles: Tensor) -> Tensor:
         return measured.evaluate(torch.arange(2), angles)

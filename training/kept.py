@@ -9,8 +9,10 @@ from hashlib import sha256
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
+
+from model_runtime.files import replaced
 
 __all__ = ("identity", "keep", "read_kept")
 
@@ -29,11 +31,9 @@ def identity(*ingredients: Tensor | str) -> str:
 
 def keep(path: Path, tensors: Mapping[str, Tensor], made_from: str) -> None:
     """Write `tensors` to `path`, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(path.name + ".partial")
     contiguous = {name: value.contiguous() for name, value in tensors.items()}
-    save_file(contiguous, beside, {"made_from": made_from})
-    beside.replace(path)
+    with replaced(path, parents=True) as beside:
+        beside.write_bytes(save(contiguous, {"made_from": made_from}))
 
 
 def read_kept(path: Path, made_from: str) -> dict[str, Tensor] | None:

@@ -13,7 +13,10 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from model_runtime.package import ModelCard, hash_tensors, read_card, save_model
+from model_runtime.card import ModelCard, check_card
+from model_runtime.errors import UsageError, reason, shown
+from model_runtime.files import check_writable
+from model_runtime.package import hash_tensors, read_card, save_model
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Representation, inverse_log_transform
 from model_runtime.representation.paper import PaperRepresentation
@@ -25,6 +28,7 @@ from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
 from .histories import SourceHistories, source_histories
 from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
+from .log import open_log
 from .steadiness import steadied
 from .timing import timed
 
@@ -81,10 +85,17 @@ def train_ntm(
 ) -> Path:
     """Train every rung of the ladder on a sequence and write the NTM to `output`; returns that
     path. `card` holds name, title, description, process, source, license.
+
+    The file takes the place of an earlier one only when it can be loaded again.
     """
+    check_writable(output)
+    try:
+        check_card("ntm", {**card, "temporal_model": LADDER[0]})
+    except ValueError as error:
+        raise UsageError(f"Of the model {reason(error)}.", "Give plain texts.") from error
     representation, identity = load_representation(encoder)
-    shown = timed(steadied(read_sequence(sequence, clamp=False)), seed=seed)
-    source = source_histories(shown, representation, seed=seed)
+    learned = timed(steadied(read_sequence(sequence, clamp=False)), seed=seed)
+    source = source_histories(learned, representation, seed=seed)
     run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
     ntm = train_ladder(source, representation, config, run)
     found = ntm.card.details
@@ -95,13 +106,20 @@ def train_ntm(
         "representation": identity,
         **found,
         "trained": {
-            "command": f"python -m training ntm --sequence {sequence} --encoder {encoder.name} "
-            f"--output {output.name} --name {card['name']} --seed {seed}"
+            "command": f"python -m training ntm --sequence {shown(sequence)} "
+            f"--encoder {shown(encoder.name)} --output {shown(output.name)} "
+            f"--name {card['name']} --seed {seed}"
             + (f" --minutes {minutes:g}" if minutes is not None else ""),
             **found["trained"],
         },
     }
-    save_model(output, ntm.tensors(), details, kind="ntm")
+    save_model(
+        output,
+        ntm.tensors(),
+        details,
+        kind="ntm",
+        check=lambda file: NeuralTemporalModel.load(file, identity),
+    )
     print(f"{output}: {ntm.chosen}; dB of what was held out:")
     for rung, scores in found["ladder"].items():
         print(f"  {rung}: " + ", ".join(f"{name} {psnr:.1f}" for name, psnr in scores.items()))
@@ -273,6 +291,7 @@ def _train(
     """
     name = f"{run.fold}.{kind}" if run.fold else kind
     checkpoint = run.base.with_suffix(f".{name}.checkpoint.safetensors")
+    check_writable(checkpoint)
     g = torch.Generator().manual_seed(run.seed)
     optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate, betas=(0.9, 0.99))
     frames = states.shape[1]
@@ -294,7 +313,7 @@ def _train(
     record["iterations"] = config.iterations
     if run.resume and checkpoint.exists():
         record = load_checkpoint(
-            checkpoint, model=model, optimizer=optimizer, generator=g, run=made
+            checkpoint, model=model, optimizer=optimizer, generator=g, fresh=record
         )
     elif run.minutes is not None:
         one_step()
@@ -303,11 +322,8 @@ def _train(
             one_step()
         record["iterations"] = max(1, int(run.minutes * 60 * 5 / (time.process_time() - start)))
         g.manual_seed(run.seed)
-    writer, saved = None, time.monotonic()
-    if run.log is not None:  # TensorBoard takes seconds to import
-        from torch.utils.tensorboard import SummaryWriter
-
-        writer = SummaryWriter(run.log / name)
+    saved = time.monotonic()
+    writer = None if run.log is None else open_log(run.log / name)
     begun = time.process_time() - record["seconds"]
     total = record["iterations"]
     bar = tqdm(range(record["step"], total), initial=record["step"], total=total)

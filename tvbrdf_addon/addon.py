@@ -22,6 +22,7 @@ def register() -> None:
 def unregister() -> None:
     # The worker first: it must be gone before Blender replaces the extension's files.
     session.unregister()
+    operators.unregister()
     forecast.unregister()
     cli.unregister()
     properties.unregister()

@@ -1,24 +1,25 @@
 """`blender -b scene.blend --command age_material --material NAME --ntm NAME --frames A-B ...`.
 
 Exit codes: 0 everything asked for was written, 1 something was not (each with its reason), 2 wrong
-usage.  Where any material cannot be aged, the others still are, and `--save-as` writes nothing.
+usage, 130 interrupted by Ctrl-C, 143 by SIGTERM.  Where any material cannot be aged, the others
+still are, and `--save-as` writes nothing; an interrupt leaves the material that is being aged as it
+was and starts no other.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-import sys
-import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
 
 from ..model_runtime import package
-from ..model_runtime.errors import TvbrdfError
 from . import preferences, properties, session
 from .errors import SettingsError
+from .interrupt import Interrupts
+from .log import said_of, tell
 from .operators import find_material
 
 __all__ = ("main", "register", "unregister")
@@ -27,6 +28,8 @@ NAME = "age_material"
 AUTOMATIC = "auto"
 # Before the name of a color attribute, where an image could stand.
 ATTRIBUTE = "attribute:"
+# What a whole number in Blender can hold.
+LARGEST = 2**31 - 1
 
 _command: object | None = None
 
@@ -37,34 +40,43 @@ def main(argv: Sequence[str]) -> int:
         arguments = _parser().parse_args(argv)
     except SystemExit as end:
         return int(end.code or 0)
-    try:
-        _require_place(arguments.save_as)
-        materials = [find_material(name) for name in dict.fromkeys(arguments.material)]
-        for material in materials:
-            _apply(arguments, material)
-    except TvbrdfError as error:
-        return _failed(str(error))
-    failures = [material.name for material in materials if not _age(material)]
+    with Interrupts() as interrupts:
+        try:
+            code = _run(arguments, interrupts)
+        except Exception as error:
+            code = _failed(said_of(error))
+    return interrupts.exit_code or code
+
+
+def _run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+    _require_place(arguments.save_as)
+    materials = [find_material(name) for name in dict.fromkeys(arguments.material)]
+    for material in materials:
+        _apply(arguments, material)
+    failures = [material.name for material in materials if not _age(material, interrupts)]
     if failures:
         unsaved = f" {arguments.save_as} was not written." if arguments.save_as else ""
         return _failed(f"Not aged: {', '.join(failures)}.{unsaved}")
+    if interrupts.caught:
+        return _failed("Interrupted when all was aged; nothing was saved.")
     return _save(arguments.save_as)
 
 
-def _age(material: bpy.types.Material) -> bool:
+def _age(material: bpy.types.Material, interrupts: Interrupts) -> bool:
+    if interrupts.caught:
+        return False
     name = material.name
     try:
-        run = session.age_and_wait(material, bpy.context.scene)
-    except TvbrdfError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return False
-    except Exception:
+        run = session.age_and_wait(
+            material, bpy.context.scene, cancelled=lambda: bool(interrupts.caught)
+        )
+    except Exception as error:
         # One material's trouble must not keep the others from being aged.
-        traceback.print_exc()
+        tell(f"{name}: {said_of(error)}", of_error=True)
         return False
     if run.size_reason:
-        print(f"{name}: {run.size_reason}")
-    print(f"{name}: {run.aged['frames']} frames in {run.plan.folder}", flush=True)
+        tell(f"{name}: {run.size_reason}")
+    tell(f"{name}: {run.aged['frames']} frames in {run.plan.folder}")
     return True
 
 
@@ -159,12 +171,12 @@ def _save(save_as: str | None) -> int:
         bpy.ops.wm.save_as_mainfile(filepath=path, relative_remap=True, check_existing=False)
     except RuntimeError as error:
         return _failed(f"{path} cannot be written: {error}".strip())
-    print(f"Saved {path}", flush=True)
+    tell(f"Saved {path}")
     return 0
 
 
 def _failed(sentence: str) -> int:
-    print(f"{NAME}: {sentence}", file=sys.stderr)
+    tell(f"{NAME}: {sentence}", of_error=True)
     return 1
 
 
@@ -181,7 +193,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--frames", type=_frames, required=True, metavar="A-B", help="the scene's range to age over"
     )
-    parser.add_argument("--steps", type=_whole(1), metavar="N", help="frames to model (36)")
+    parser.add_argument(
+        "--steps", type=_whole(1, properties.LAST_FRAME), metavar="N", help="frames to model (36)"
+    )
     parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
     parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
     parser.add_argument(
@@ -201,7 +215,7 @@ def _parser() -> argparse.ArgumentParser:
         action=argparse.BooleanOptionalAction,
         help="white first, black last",
     )
-    parser.add_argument("--seed", type=_whole(0), metavar="N", help="of the onset (0)")
+    parser.add_argument("--seed", type=_whole(0, LARGEST), metavar="N", help="of the onset (0)")
     for option, items in (
         ("--quality", properties.QUALITIES),
         ("--temporal-model", properties.TEMPORAL_MODELS),
@@ -214,22 +228,23 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _frames(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(-?\d+)-(-?\d+)", text)
+    match = re.fullmatch(r"(-?\d{1,18})-(-?\d{1,18})", text)
     if match is None:
         raise argparse.ArgumentTypeError(f"{text} is not a range such as 1-250")
     start, end = int(match[1]), int(match[2])
+    if max(-start, end) > properties.LAST_FRAME:
+        raise argparse.ArgumentTypeError(f"Blender knows no frame after {properties.LAST_FRAME}")
     if end <= start:
         raise argparse.ArgumentTypeError(f"{text} is empty: the last frame comes after the first")
     return start, end
 
 
-def _whole(least: int, most: int | None = None):
+def _whole(least: int, most: int):
     def whole(text: str) -> int:
-        value = int(text) if re.fullmatch(r"-?\d+", text) else None
-        if value is None or value < least or (most is not None and value > most):
-            upper = "" if most is None else f" and at most {most}"
+        value = int(text) if re.fullmatch(r"-?\d{1,18}", text) else None
+        if value is None or not least <= value <= most:
             raise argparse.ArgumentTypeError(
-                f"{text} is not a whole number of at least {least}{upper}"
+                f"{text} is not a whole number of at least {least} and at most {most}"
             )
         return value
 

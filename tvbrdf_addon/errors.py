@@ -28,9 +28,13 @@ class RunEndedError(TvbrdfError):
 class WorkerError(TvbrdfError):
     """A worker that does not start, died, speaks another protocol, or reported an error.
 
-    `code` is the worker's own where it reported one (`input`, `cancelled`, ...).
+    `code` is the worker's own where it reported one (`input`, `cancelled`, ...).  `details` is for
+    whoever mends it: the traceback of an error that nobody foresaw, or what it said as it died.
     """
 
-    def __init__(self, message: str, hint: str = "", *, code: str = "worker") -> None:
+    def __init__(
+        self, message: str, hint: str = "", *, code: str = "worker", details: str = ""
+    ) -> None:
         super().__init__(message, hint)
         self.code = code
+        self.details = details

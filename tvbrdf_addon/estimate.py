@@ -11,12 +11,17 @@ temporal model (through latents or not).
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 __all__ = ("LONG_SECONDS", "Estimate", "Rates", "Work", "in_bytes", "in_time")
+
+# Beyond these, and where a number is none, there is nothing to tell apart.
+CENTURY = 100 * 365.25 * 86400
+EXABYTE = 1e18
 
 # What is worth a warning before the click.
 LONG_SECONDS = 600.0
@@ -83,11 +88,16 @@ class Rates:
     @classmethod
     def load(cls, path: Path | None) -> Rates:
         """The rates kept in `path`; the first ones where there is no such file, or a broken one."""
+        # Here, so that this file can be loaded alone.
+        from .small_json import read_json
+
         try:
-            kept = json.loads(path.read_text(encoding="utf-8")) if path else {}
+            kept = read_json(path) if path else {}
             tables = {name: first | kept.get(name, {}) for name, first in _FIRST.items()}
             rates = cls(**{**kept, **tables})
-            rates.of(Work(1, 1, "balanced", "affine"))
+            for rate in (rates.overhead, *(each for of in tables.values() for each in of.values())):
+                if not 0 <= rate < math.inf:
+                    raise ValueError(f"{rate} is not a rate")
         except (OSError, ValueError, TypeError, AttributeError):
             return cls()
         return rates
@@ -134,6 +144,8 @@ def _blend(old: float, new: float) -> float:
 
 def in_time(seconds: float) -> str:
     """`seconds` as one says it: no finer than a guess can be."""
+    if not seconds < CENTURY:
+        return "over 100 years"
     for size, one, many in ((86400, "day", "days"), (3600, "hour", "hours"), (60, "min", "min")):
         if seconds >= 1.5 * size:
             count = _round(seconds / size)
@@ -143,6 +155,8 @@ def in_time(seconds: float) -> str:
 
 def in_bytes(count: float) -> str:
     """`count` bytes as one says it."""
+    if not count < EXABYTE:
+        return "over 1,000,000 TB"
     for size, unit in ((1e12, "TB"), (1e9, "GB")):
         if count >= size:
             tenths = f"{count / size:.1f}" if count < 10 * size else f"{_round(count / size):.0f}"

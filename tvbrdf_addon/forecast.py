@@ -6,6 +6,7 @@ where that says something new.  A run itself looks at the whole frame range.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -97,7 +98,9 @@ def learn(aged: Mapping[str, Any], folder: Path) -> None:
     stored = sum(path.stat().st_size for path in folder.iterdir())
     _rates = _kept_rates().after(aged, stored)
     if (path := preferences.user_file(RATES)) is not None:
-        _rates.save(path)
+        # On a full disk only the next start of Blender knows less.
+        with contextlib.suppress(OSError):
+            _rates.save(path)
 
 
 def _kept_rates() -> Rates:
@@ -112,7 +115,7 @@ def _temporal_model(settings: properties.TVBRDF_PG_material) -> str:
         return settings.temporal_model
     card = properties.card_of(settings)
     # Of an unknown model the slowest is to be expected.
-    return card.details["temporal_model"] if card is not None else "lstm_latents"
+    return (properties.usual_model(card) if card is not None else None) or "lstm_latents"
 
 
 def _size(settings: properties.TVBRDF_PG_material, look: _Look) -> tuple[tuple[int, int], str]:
@@ -170,7 +173,8 @@ def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
         return None
     principled, space = readable
     try:
-        tiles = tiles_of(principled, space, material, showing(material, scene))
+        users = showing(material, scene)
+        tiles = tiles_of(principled, space, material, users, scene.frame_current)
     except MaterialError:
         return None
     seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)

@@ -7,18 +7,21 @@ from typing import ClassVar, NamedTuple
 
 import bpy
 
-from ..model_runtime.errors import TvbrdfError
 from . import session
 from .errors import SettingsError
 from .forecast import is_worth_a_preview
+from .log import is_cancel, said_of
 from .material.freeze import freeze
 from .material.revert import is_aged, revert
 from .run import Run, why_not
 
-__all__ = ("CLASSES", "find_material", "material_of")
+__all__ = ("CLASSES", "find_material", "material_of", "unregister")
 
 # Seconds between two looks at the worker: often enough for a smooth bar.
 TICK = 0.1
+
+# That of the run that goes on.
+_timer: bpy.types.Timer | None = None
 
 
 def material_of(context: bpy.types.Context) -> bpy.types.Material | None:
@@ -75,8 +78,8 @@ class _OnMaterial:
             raise SettingsError("There is no material here.", "Give the object one first.")
         return _Target(material, context.scene)
 
-    def refuse(self, error: TvbrdfError) -> set[str]:
-        self.report({"ERROR"}, str(error))
+    def refuse(self, error: BaseException) -> set[str]:
+        self.report({"ERROR"}, said_of(error))
         return {"CANCELLED"}
 
 
@@ -97,7 +100,6 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
     _run: Run
-    _timer: bpy.types.Timer
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -107,7 +109,12 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
         if not _shown(context):
             return True
         material = material_of(context)
-        reason = "There is no material" if material is None else why_not(material, context.scene)
+        try:
+            reason = (
+                "There is no material" if material is None else why_not(material, context.scene)
+            )
+        except Exception as error:
+            reason = said_of(error)
         if reason:
             cls.poll_message_set(reason)
         return not reason
@@ -115,24 +122,24 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             run = session.age_and_wait(*self.target(context))
-        except TvbrdfError as error:
+        except (Exception, KeyboardInterrupt) as error:
             return self.refuse(error)
         for warning in run.warnings:
             self.report({"WARNING"}, warning)
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        global _timer
         # Timers do not run without a window.
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
             material, scene = self.target(context)
             self._run = session.begin(material, scene, preview=is_worth_a_preview(material, scene))
-        except TvbrdfError as error:
+        except Exception as error:
             return self.refuse(error)
-        manager = context.window_manager
-        self._timer = manager.event_timer_add(TICK, window=context.window)
-        manager.modal_handler_add(self)
+        _timer = context.window_manager.event_timer_add(TICK, window=context.window)
+        context.window_manager.modal_handler_add(self)
         _redraw(context)
         return {"RUNNING_MODAL"}
 
@@ -146,14 +153,11 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
         try:
             if self._run.step():
                 return {"PASS_THROUGH"}
-        except TvbrdfError as error:
-            cancelled = error.code == "cancelled"
-            self._end(context, icon="NONE" if cancelled else "ERROR", sentences=(str(error),))
-            self.report({"INFO" if cancelled else "ERROR"}, str(error))
+        except (Exception, KeyboardInterrupt) as error:
+            said = said_of(error)
+            self._end(context, icon="NONE" if is_cancel(error) else "ERROR", sentences=(said,))
+            self.report({"INFO" if is_cancel(error) else "ERROR"}, said)
             return {"CANCELLED"}
-        except BaseException:
-            self._end(context, icon="ERROR", sentences=("Ageing failed; see the console.",))
-            raise
         warnings = tuple(self._run.warnings)
         self._end(context, icon="ERROR", sentences=warnings)
         self.report({"INFO"}, f"{self._run.plan.material_name} ages")
@@ -167,7 +171,7 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
         self._end(context, icon="NONE", sentences=(reason,))
 
     def _end(self, context: bpy.types.Context, *, icon: str, sentences: tuple[str, ...]) -> None:
-        context.window_manager.event_timer_remove(self._timer)
+        _remove_timer()
         session.finish(self._run, icon=icon, sentences=sentences)
         _redraw(context)
 
@@ -225,7 +229,7 @@ class TVBRDF_OT_revert(_OnAgedMaterial, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             revert(self.aged_target(context).material)
-        except TvbrdfError as error:
+        except Exception as error:
             return self.refuse(error)
         return {"FINISHED"}
 
@@ -241,9 +245,21 @@ class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
         try:
             material, scene = self.aged_target(context)
             freeze(material, scene.frame_current)
-        except TvbrdfError as error:
+        except Exception as error:
             return self.refuse(error)
         return {"FINISHED"}
+
+
+def _remove_timer() -> None:
+    global _timer
+    if _timer is not None:
+        bpy.context.window_manager.event_timer_remove(_timer)
+        _timer = None
+
+
+def unregister() -> None:
+    # With its class Blender lets go of the operator that goes on, without a word to it.
+    _remove_timer()
 
 
 def _redraw(context: bpy.types.Context) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,13 +12,17 @@ import bpy
 from . import properties, session
 from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
+from .log import said_of
 from .material.onset import is_invertible
 from .material.revert import is_aged
 from .operators import material_of
+from .plain import plain
 from .report import report_in
 from .run import Run, object_with, why_not
 
 __all__ = ("CLASSES",)
+
+Draw = Callable[[bpy.types.UILayout, bpy.types.Context], None]
 
 # Average width of a letter of the interface font, in unscaled pixels, and what icons and borders
 # take away from a line.
@@ -32,11 +37,23 @@ def _paragraph(
     pixels = context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(textwrap.wrap(text, max(int(pixels / LETTER_PIXELS), 12))):
+    for number, line in enumerate(textwrap.wrap(plain(text), max(int(pixels / LETTER_PIXELS), 12))):
         if icon == "NONE":
             column.label(text=line)
         else:
             column.label(text=line, icon=icon if number == 0 else "BLANK1")
+
+
+def _said(draw: Draw) -> Draw:
+    """`draw`, which says so in the panel where it fails."""
+
+    def guarded(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+        try:
+            draw(layout, context)
+        except Exception as error:
+            _paragraph(layout, context, said_of(error), "ERROR")
+
+    return guarded
 
 
 def _time_left(seconds: float) -> str:
@@ -47,6 +64,7 @@ def _time_left(seconds: float) -> str:
     return f"about {seconds / 60:.0f} min left"
 
 
+@_said
 def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = material_of(context)
     if material is None:
@@ -178,6 +196,7 @@ def _draw_outcome(
             _paragraph(layout, context, f"{outcome.material_name}: {sentence}", outcome.icon)
 
 
+@_said
 def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = material_of(context)
     layout.use_property_split = True
@@ -235,7 +254,7 @@ def _draw_report(
     if body is None:
         return
     card = properties.card_named(report.ntm)
-    usual = card.details["temporal_model"] if card is not None else None
+    usual = properties.usual_model(card) if card is not None else None
     for sentence in filter(None, (report.change(usual), *report.sentences, settings.size_reason)):
         _paragraph(body, context, sentence, "DOT")
     outcome = session.outcome()

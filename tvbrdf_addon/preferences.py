@@ -9,13 +9,16 @@ from pathlib import Path
 import bpy
 
 from ..model_runtime import package
-from .worker import Launch
+from .launch import Launch
+from .models import models_in
 
 __all__ = ("CLASSES", "launch", "model_folders", "user_file")
 
 # The extension's own module, `bl_ext.<repository>.tvbrdf`.
 EXTENSION = __package__.rpartition(".")[0]
 IDLE_MINUTES = 10
+# About files in the models folder that are left out.
+MOST_SENTENCES = 5
 
 
 class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
@@ -30,8 +33,8 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         name="Worker Python",
         description=(
             "Python that computes the ageing, for instance one with a GPU build of torch. "
-            "It needs torch, numpy, OpenEXR and safetensors. Empty: the one that came with "
-            "the extension"
+            "It needs torch, numpy, OpenEXR and safetensors. A whole path, not one that is "
+            "relative to the .blend. Empty: the one that came with the extension"
         ),
         subtype="FILE_PATH",
     )
@@ -42,6 +45,7 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         ),
         default=IDLE_MINUTES,
         min=1,
+        max=7 * 24 * 60,
         soft_max=60,
     )
 
@@ -50,6 +54,11 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         layout.use_property_split = True
         layout.use_property_decorate = False
         layout.prop(self, "models_folder", placeholder="Only the bundled models")
+        left_out = models_in(model_folders()).left_out
+        for sentence in left_out[:MOST_SENTENCES]:
+            layout.label(text=sentence, icon="ERROR")
+        if len(left_out) > MOST_SENTENCES:
+            layout.label(text=f"{len(left_out) - MOST_SENTENCES} more files are no models.")
         layout.prop(self, "worker_python", placeholder="Comes with the extension")
         layout.prop(self, "idle_minutes", text="Keep Ready (minutes)")
 
@@ -70,7 +79,7 @@ def launch() -> Launch:
     return Launch(
         runtime=package.MODELS.parents[1],
         site_packages=(extensions / ".local" / "lib" / python / "site-packages",),
-        interpreter=bpy.path.abspath(preferences.worker_python) if preferences else "",
+        interpreter=preferences.worker_python if preferences else "",
         idle_minutes=preferences.idle_minutes if preferences else IDLE_MINUTES,
     )
 

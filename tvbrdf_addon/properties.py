@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
-from typing import NamedTuple
 
 import bpy
 
 from ..model_runtime import package
 from . import preferences
 from .material.ownership import TAG
+from .models import OWN_FILE, enum_number, models_in
 
 __all__ = (
     "CLASSES",
+    "LAST_FRAME",
     "OWN_FILE",
     "card_named",
     "card_of",
@@ -21,13 +21,14 @@ __all__ = (
     "model_file",
     "register",
     "unregister",
+    "usual_model",
 )
 
 # Blender 4.5 and later want to be told that a path may begin with `//`; earlier ones never ask.
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()
 
-# The item of the model list that means `ntm_file`.
-OWN_FILE = "file"
+# Blender's own limit of frame numbers, on both sides of 0.
+LAST_FRAME = 1_048_574
 
 QUALITIES = (
     ("draft", "Draft", "A quick look, not checked: few distinct materials are modelled"),
@@ -91,41 +92,10 @@ SPECULARS = (
 )
 
 
-class _Models(NamedTuple):
-    stamp: tuple[tuple[str, float], ...]
-    cards: dict[str, package.ModelCard]
-    items: list[tuple[str, str, str, str, int]]
-
-
-# Blender keeps pointers to the strings of a dynamic enum without owning them, so they live here.
-_models: _Models | None = None
-
-
-def _list_models() -> _Models:
-    """The models of all folders, read again only when a folder has changed."""
-    global _models
-    folders = [folder for folder in preferences.model_folders() if folder.is_dir()]
-    stamp = tuple((str(folder), folder.stat().st_mtime) for folder in folders)
-    if _models is None or _models.stamp != stamp:
-        cards = {card.name: card for card in reversed(package.list_models(folders))}
-        items = [
-            (card.name, card.title, card.description, "NONE", _number(card.name))
-            for card in sorted(cards.values(), key=lambda card: card.title)
-        ]
-        own = (OWN_FILE, "From File…", "A model file of your own", "FILE", _number(OWN_FILE))
-        _models = _Models(stamp, cards, [*items, own])
-    return _models
-
-
-def _number(name: str) -> int:
-    # A dynamic enum is saved as a number: it must not depend on which other models there are.
-    return zlib.crc32(name.encode()) & 0x7FFFFFFF
-
-
 def _model_items(
     _self: TVBRDF_PG_material, _context: bpy.types.Context | None
 ) -> list[tuple[str, str, str, str, int]]:
-    return _list_models().items
+    return models_in(preferences.model_folders()).items
 
 
 def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
@@ -153,7 +123,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Model",
         description="What happens to the material",
         items=_model_items,
-        default=_number("rust"),
+        default=enum_number("rust"),
     )
     ntm_file: bpy.props.StringProperty(
         name="Model File",
@@ -170,12 +140,16 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="First Frame",
         description="Frame on which ageing starts; the material is still as you made it",
         default=1,
+        min=-LAST_FRAME,
+        max=LAST_FRAME,
         update=_leave_scene_range,
     )
     frame_end: bpy.props.IntProperty(
         name="Last Frame",
         description="Frame on which the material is fully aged",
         default=250,
+        min=-LAST_FRAME,
+        max=LAST_FRAME,
         update=_leave_scene_range,
     )
     steps: bpy.props.IntProperty(
@@ -183,6 +157,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Stages of ageing that are computed and stored; spread over the frame range",
         default=36,
         min=1,
+        max=LAST_FRAME,
         soft_max=250,
     )
     use_camera_size: bpy.props.BoolProperty(
@@ -316,7 +291,13 @@ def card_of(settings: TVBRDF_PG_material) -> package.ModelCard | None:
 
 def card_named(name: str) -> package.ModelCard | None:
     """The card of a model that can be chosen; None where there is none called that."""
-    return _list_models().cards.get(name)
+    return models_in(preferences.model_folders()).cards.get(name)
+
+
+def usual_model(card: package.ModelCard) -> str | None:
+    """The temporal model that the card names; None where it names none that is known."""
+    named = card.details.get("temporal_model")
+    return named if any(named == item[0] for item in TEMPORAL_MODELS[1:]) else None
 
 
 def model_file(settings: TVBRDF_PG_material) -> Path | None:

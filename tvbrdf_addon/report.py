@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-import json
-import shlex
+import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from .estimate import in_bytes, in_time
+from .plain import plain
+from .small_json import read_json
 
 __all__ = ("Report", "report_in")
+
+# What no result of ours goes beyond.
+_LONGEST_SIDE = 1 << 20
+_MOST_FRAMES = 1 << 20
+_MOST_FILES = 1 << 17
+_MOST_SENTENCES = 50
 
 _MODEL_OPTION = "--temporal-model"
 _MODELS = {
@@ -51,28 +60,53 @@ def report_in(folder: Path) -> Report | None:
     """The report of the result in `folder`; None where there is none that can be understood."""
     path = folder / "aged.json"
     try:
-        return _read(path, path.stat().st_mtime_ns)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        status = path.stat()
+    except (OSError, ValueError):
         return None
+    return _read(path, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=8)
-def _read(path: Path, _written: int) -> Report:
-    aged = json.loads(path.read_text(encoding="utf-8"))
-    height, width = map(int, aged["size"])
-    stored = sum(each.stat().st_size for each in path.parent.iterdir())
-    seconds = sum(map(float, aged["seconds"].values()))
-    frames = int(aged["frames"])
-    words = shlex.split(str(aged.get("command", "")))
+def _read(path: Path, _written: int, _size: int) -> Report | None:
+    try:
+        return _understood(read_json(path), path.parent)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError):
+        return None
+
+
+def _understood(aged: dict[str, Any], folder: Path) -> Report:
+    height, width = (_count(side, _LONGEST_SIDE) for side in aged["size"])
+    frames = _count(aged["frames"], _MOST_FRAMES)
+    stored = sum(each.lstat().st_size for each in islice(folder.iterdir(), _MOST_FILES))
+    seconds = math.fsum(map(_seconds, aged["seconds"].values()))
+    words = str(aged.get("command", "")).split()
     return Report(
         size=(height, width),
-        ntm=str(aged["ntm"]),
-        temporal_model=str(aged["temporal_model"]),
+        ntm=plain(aged["ntm"]),
+        temporal_model=plain(aged["temporal_model"]),
         asked=_MODEL_OPTION in words and words[words.index(_MODEL_OPTION) + 1] != "auto",
         sentences=(
-            *map(str, aged["plan"]),
+            *_sentences(aged["plan"]),
             f"{frames} frame{'s' * (frames > 1)} of {width} x {height} px, {in_bytes(stored)}, "
-            f"in {in_time(seconds)} at quality {str(aged['quality']).capitalize()}.",
+            f"in {in_time(seconds)} at quality {plain(aged['quality']).capitalize()}.",
         ),
-        warnings=tuple(map(str, aged["warnings"])),
+        warnings=_sentences(aged["warnings"]),
     )
+
+
+def _count(value: object, most: int) -> int:
+    if not isinstance(value, int) or not 1 <= value <= most:
+        raise ValueError(f"{value!r} is not a count")
+    return value
+
+
+def _seconds(value: object) -> float:
+    if not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise ValueError(f"{value!r} is not a time")
+    return float(value)
+
+
+def _sentences(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise TypeError(f"{value!r} is not a list")
+    return tuple(map(plain, value[:_MOST_SENTENCES]))

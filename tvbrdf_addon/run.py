@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..model_runtime.errors import Cancelled
 from . import forecast, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
@@ -226,6 +227,8 @@ class Run:
         with tempfile.TemporaryDirectory(prefix="tvbrdf-", ignore_cleanup_errors=True) as job:
             reading, request = self._read(Path(job))
             yield
+            if self.cancel_requested:
+                raise Cancelled
             try:
                 if self._preview and reading.textures.pixels > 2 * PREVIEW_SIZE:
                     yield from self._show_preview(request, reading)

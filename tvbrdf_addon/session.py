@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import bpy
 from bpy.app.handlers import persistent
 
-from . import preferences
+from . import output, preferences
 from .errors import SettingsError
+from .log import tell
 from .run import Run, plan, take_preview_back
 from .worker import Worker
 
@@ -84,45 +86,46 @@ def finish(run: Run, *, icon: str, sentences: tuple[str, ...]) -> None:
     _outcome = Outcome(run.plan.material_uid, run.plan.material_name, icon, sentences)
 
 
-def age_and_wait(material: bpy.types.Material, scene: bpy.types.Scene) -> Run:
+def age_and_wait(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    *,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Run:
     """Age `material` here and now, printing progress; the run, at its end.
 
     Raises:
-        TvbrdfError: as `Run.step`; Ctrl-C cancels.
+        TvbrdfError: as `Run.step`.
     """
     run = begin(material, scene)
     sentences: tuple[str, ...] = ()
     said = ""
     try:
-        while _step_through_interrupt(run):
+        while run.step():
+            if cancelled():
+                run.cancel()
             if run.stage != said:
                 said = run.stage
-                print(f"{run.plan.material_name}: {run.fraction:4.0%} {run.stage}", flush=True)
+                tell(f"{run.plan.material_name}: {run.fraction:4.0%} {run.stage}")
             time.sleep(POLL_SECONDS)
         sentences = tuple(run.warnings)
         for warning in sentences:
-            print(f"{run.plan.material_name}: Warning: {warning}", flush=True)
+            tell(f"{run.plan.material_name}: Warning: {warning}")
     finally:
         finish(run, icon="ERROR", sentences=sentences)
     return run
 
 
-def _step_through_interrupt(run: Run) -> bool:
-    try:
-        return run.step()
-    except KeyboardInterrupt:
-        run.cancel()
-        return True
-
-
 def stop_worker() -> None:
     """End the run, if any, and the worker; the next run starts another."""
     global _worker
-    if _current is not None:
-        _current.end("The extension was disabled.")
-    if _worker is not None:
-        _worker.stop()
-        _worker = None
+    run, worker, _worker = _current, _worker, None
+    if run is not None:
+        run.end("The extension was disabled.")
+    if worker is not None:
+        worker.stop()
+    if run is not None:
+        output.remove_partial(run.plan.folder)
 
 
 def _warm_worker() -> Worker:
@@ -170,6 +173,11 @@ def register() -> None:
 
 
 def unregister() -> None:
+    global _current, _outcome
     for handlers, function in _handlers():
-        handlers.remove(function)
+        # Somebody else may have emptied the list.
+        if function in handlers:
+            handlers.remove(function)
     stop_worker()
+    # What is enabled again later may find this module as it was left.
+    _current = _outcome = None

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-__all__ = ("MeasuredBRDF",)
+__all__ = ("BRIGHTEST", "MeasuredBRDF")
+
+BRIGHTEST = 1e9
+"""No material reflects more per steradian: the sharpest lobe that maps hold reaches 3e7."""
 
 
 @dataclass(frozen=True)

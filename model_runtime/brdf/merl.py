@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import InputError, OutputError
+from ..errors import InputError, OutputError, reason, shown
 from .half_angle import above_horizon
-from .measured import MeasuredBRDF
+from .measured import BRIGHTEST, MeasuredBRDF
 
 __all__ = ("GRID", "grid_angles", "read", "write")
 
@@ -37,7 +37,8 @@ def grid_angles() -> Tensor:
 def read(path: str | Path) -> MeasuredBRDF:
     """Read a MERL `.binary`.
 
-    Raises InputError where the file is missing, cut short, of another grid, or holds NaN.
+    Raises InputError where the file is missing, cut short, of another grid, or holds NaN or values
+    that no material has.
     """
     path = Path(path)
     table = torch.from_numpy(_read_table(path))
@@ -56,40 +57,41 @@ def write(path: str | Path, table: np.ndarray) -> None:
         Path(path).write_bytes(content)
     except OSError as error:
         raise OutputError(
-            f"{path} cannot be written: {error.strerror}.",
+            f"{shown(path)} cannot be written: {reason(error)}.",
             "Choose a folder that can be written to.",
         ) from error
 
 
 def _read_table(path: Path) -> np.ndarray:
     """f [90, 90, 180, 3] float32, negative where not measured."""
+    name = shown(path.name)
     try:
         size = path.stat().st_size
         if size < 12:
-            raise InputError(f"{path.name} is cut short.", _HINT)
+            raise InputError(f"{name} is cut short.", _HINT)
         with path.open("rb") as file:
             grid = tuple(np.frombuffer(file.read(12), "<i4").tolist())
             if grid != GRID:
                 raise InputError(
-                    f"{path.name} holds a grid of {' x '.join(map(str, grid))}, "
+                    f"{name} holds a grid of {' x '.join(map(str, grid))}, "
                     f"where MERL files hold 90 x 90 x 180.",
                     _HINT,
                 )
             if size != _BYTES:
-                raise InputError(
-                    f"{path.name} has {size} bytes, where a MERL file has {_BYTES}.", _HINT
-                )
+                raise InputError(f"{name} has {size} bytes, where a MERL file has {_BYTES}.", _HINT)
             content = file.read(_BYTES - 12)
     except OSError as error:
-        raise InputError(f"{path.name} cannot be read: {error.strerror}.", _HINT) from error
+        raise InputError(f"{name} cannot be read: {reason(error)}.", _HINT) from error
     stored = np.frombuffer(content, "<f8").reshape(3, *GRID)
     with np.errstate(over="ignore"):
         table = (np.moveaxis(stored, 0, -1) * _SCALE).astype(np.float32)
     broken = table.size - int(np.count_nonzero(np.isfinite(table)))
     if broken:
-        raise InputError(f"{path.name} holds {broken} values that are NaN or infinite.", _HINT)
+        raise InputError(f"{name} holds {broken} values that are NaN or infinite.", _HINT)
+    if table.max() > BRIGHTEST:
+        raise InputError(f"{name} holds values that no material has, up to {table.max():g}.", _HINT)
     if (table < 0).any(-1).all():
-        raise InputError(f"{path.name} holds no measured value.", _HINT)
+        raise InputError(f"{name} holds no measured value.", _HINT)
     return np.ascontiguousarray(table)
 
 

@@ -17,9 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..errors import InputError
+from ..errors import InputError, reason, shown
 from .half_angle import directions
-from .measured import MeasuredBRDF
+from .measured import BRIGHTEST, MeasuredBRDF
 
 __all__ = ("read",)
 
@@ -35,17 +35,28 @@ _MAX_BYTES = 256 << 20
 _MAX_FIELDS = 64
 _MAX_RANK = 8
 _MAX_GRID = 4096
+_MAX_CELLS = 1 << 22  # of a field: 25 times those of the database
+_LARGEST = 1e12  # of any number in a field
+_MAX_THETA = 1.6  # radians, a bit beyond the horizon
 
 
 def read(path: str | Path) -> MeasuredBRDF:
     """Read an isotropic RGB `.bsdf`.
 
-    Raises InputError where the file is missing, damaged, anisotropic or spectral.
+    Raises InputError where the file is missing, damaged, anisotropic or spectral; so does what it
+    returns where the fields together make values that no material has.
     """
     path = Path(path)
-    tensors = _read_tensors(path)
-    material = _material(path.name, tensors)
-    return MeasuredBRDF(name=path.stem, evaluate=material.evaluate)
+    name = shown(path.name)
+    material = _material(name, _read_tensors(path))
+
+    def evaluate(angles: Tensor) -> Tensor:
+        f = material.evaluate(angles)
+        if not bool((f <= BRIGHTEST).all()):  # nor NaN
+            raise InputError(f"{name} holds values that no material has.", _HINT)
+        return f
+
+    return MeasuredBRDF(name=path.stem, evaluate=evaluate)
 
 
 @dataclass(frozen=True)
@@ -181,13 +192,18 @@ def _material(name: str, tensors: dict[str, np.ndarray]) -> _Material:
             raise InputError(f"The field {field} of {name} has a wrong type or shape.", _HINT)
         if rank > 1 and not all(2 <= n <= _MAX_GRID for n in tensor.shape[-2:]):
             raise InputError(f"The field {field} of {name} has an unusable grid.", _HINT)
+        if tensor.size > _MAX_CELLS:
+            raise InputError(f"The field {field} of {name} is larger than any of RGL.", _HINT)
         if not np.isfinite(tensor).all():
             raise InputError(f"The field {field} of {name} holds NaN or infinite values.", _HINT)
+        if (np.abs(tensor) > _LARGEST).any():
+            raise InputError(f"The field {field} of {name} holds numbers without sense.", _HINT)
     if (
         slices < 2
         or tensors["vndf"].shape[:2] != (1, slices)
         or tensors["rgb"].shape[:3] != (1, slices, 3)
         or (np.diff(theta_i) <= 0).any()
+        or not 0 <= theta_i[0] <= theta_i[-1] <= _MAX_THETA
     ):
         raise InputError(f"The fields of {name} do not fit together.", _HINT)
     vndf, sigma = tensors["vndf"][0], tensors["sigma"]
@@ -208,18 +224,19 @@ def _material(name: str, tensors: dict[str, np.ndarray]) -> _Material:
 
 def _read_tensors(path: Path) -> dict[str, np.ndarray]:
     """All arrays of a tensor file by name; InputError where any points outside the file."""
+    name = shown(path.name)
     try:
         if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path.name} is larger than any RGL measurement.", _HINT)
+            raise InputError(f"{name} is larger than any RGL measurement.", _HINT)
         content = path.read_bytes()
     except OSError as error:
-        raise InputError(f"{path.name} cannot be read: {error.strerror}.", _HINT) from error
+        raise InputError(f"{name} cannot be read: {reason(error)}.", _HINT) from error
     if not content.startswith(_MAGIC):
-        raise InputError(f"{path.name} is not a .bsdf tensor file.", _HINT)
+        raise InputError(f"{name} is not a .bsdf tensor file.", _HINT)
     try:
         return dict(_fields(content))
     except (struct.error, ValueError) as error:
-        raise InputError(f"{path.name} is damaged or cut short.", _HINT) from error
+        raise InputError(f"{name} is damaged or cut short.", _HINT) from error
 
 
 def _fields(content: bytes):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from torch import Tensor
 
-from ..errors import ModelFileError
+from ..errors import ModelFileError, shown
 from ..package import ModelCard, load_model
 from ..timing import Timing
 from .domain import FOREIGN_SHARE, MOST_CENTRES, Domain
@@ -87,9 +87,10 @@ class NeuralTemporalModel:
         Raises ModelFileError for any other, for damage and for newer versions.
         """
         tensors, card = load_model(path, "ntm")
+        file = shown(path.name)
         if card.representation != representation:
             raise ModelFileError(
-                f"{path.name} belongs to another encoder ({card.representation}, "
+                f"{file} belongs to another encoder ({shown(card.representation)}, "
                 f"not {representation}).",
                 "Train it again with the encoder of this version.",
             )
@@ -115,7 +116,7 @@ class NeuralTemporalModel:
             _warnings(card)
         except (KeyError, RuntimeError, ValueError, TypeError) as error:
             raise ModelFileError(
-                f"{path.name} does not hold what an NTM needs.", "Copy or download it again."
+                f"{file} does not hold what an NTM needs.", "Copy or download it again."
             ) from error
         for module in (parameters, latents):
             module.eval().requires_grad_(False)

@@ -185,8 +185,11 @@ def test_beside_the_islands_a_margin_and_then_nothing_that_ages(tmp_path):
     for corner in obj.data.uv_layers[0].data:
         corner.uv = corner.uv * 0.5
     from tvbrdf.tvbrdf_addon.material import onset_map
+    from tvbrdf.tvbrdf_addon.material.evaluated import evaluated
 
-    baked = onset_map._bake(onset_map.Target(material, obj, "UVMap"), NAME, (size, size), 1)
+    with evaluated(obj, 1) as look:
+        target = onset_map.Target(material, look, "UVMap")
+        baked = onset_map._bake(target, NAME, (size, size), 1)
     assert np.count_nonzero(baked.inside) == (size // 2) ** 2
     np.testing.assert_allclose(baked.shades[baked.reach], 0.5, atol=1e-5)
     assert baked.reach[size // 2 - 4, 0]
@@ -308,9 +311,9 @@ def _no_object(material, obj) -> None:
             "“Plane” has no color attribute “Wear”: paint one in Vertex Paint mode.",
         ),
         (_no_colour, "“Height” of “Plane” is no color attribute: convert it"),
-        (_no_uvs, "The mesh of “Plane” has no UV map: unwrap it (UV > Smart UV Project)."),
+        (_no_uvs, "The mesh of “Plane” has no UV map: unwrap it (UV > Smart UV Project), or set"),
         (_two_without, "No object that shows this has a color attribute “Wear”"),
-        (_no_object, "“Paint” has to become a texture: select an object that uses it."),
+        (_no_object, "“Paint” has to become a texture: select an object that uses it, or"),
     ],
 )
 def test_what_is_missing_is_said_before_the_click(spoil, sentence):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from model_runtime.brdf.half_angle import cosines
+from model_runtime.errors import InputError, reason, shown
 
 __all__ = ("HELD_OUT", "NeuralBRDFs", "load")
 
@@ -63,10 +65,18 @@ class NeuralBRDFs:
 
 
 def load(data: Path, database: str) -> NeuralBRDFs:
-    """The networks of `database` ("merl" or "rgl-isotropic") in the data folder."""
-    with np.load(data / "nbrdf" / f"{database}_nbrdf.npz", allow_pickle=False) as stored:
-        layers = tuple(
-            (torch.from_numpy(stored[f"fc{i}"]), torch.from_numpy(stored[f"b{i}"]))
-            for i in (1, 2, 3)
-        )
-        return NeuralBRDFs(tuple(str(name) for name in stored["names"]), layers)
+    """The networks of `database` ("merl" or "rgl-isotropic") in the data folder. Raises InputError
+    where they are missing or damaged.
+    """
+    path = data / "nbrdf" / f"{database}_nbrdf.npz"
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            layers = tuple(
+                (torch.from_numpy(stored[f"fc{i}"]), torch.from_numpy(stored[f"b{i}"]))
+                for i in (1, 2, 3)
+            )
+            return NeuralBRDFs(tuple(str(name) for name in stored["names"]), layers)
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise InputError(
+            f"{shown(path)} cannot be read: {reason(error)}.", "Copy the data folder again."
+        ) from error

@@ -12,19 +12,29 @@ Three kinds of folder hold one, and are told apart by what is in them:
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model_runtime.errors import InputError
+from model_runtime.card import MOST_AGES, strict_json
+from model_runtime.errors import InputError, reason, shown
 from model_runtime.images import read_image
+from model_runtime.maps import HALF_MAX
 from model_runtime.timing import Timing
 
-__all__ = ("ALPHA_RANGE", "Crop", "MixtureSequence", "Sequence", "read_sequence", "uniform_times")
+__all__ = (
+    "ALPHA_RANGE",
+    "MOST_TEXELS",
+    "Crop",
+    "MixtureSequence",
+    "Sequence",
+    "read_sequence",
+    "uniform_times",
+)
 
 Array = NDArray[np.float32]
 Crop = tuple[slice, slice]
@@ -32,6 +42,10 @@ Crop = tuple[slice, slice]
 ALPHA_RANGE = (1e-4, 1.0)
 """alpha outside it cannot be rendered; Kd and Ks must be at least 0 (DESIGN.md, conventions)."""
 
+MOST_TEXELS = 1 << 28
+"""Of a map in all frames: 36 of 2,730 x 2,730, which take 3 GB."""
+
+_LARGEST_JSON = 1 << 20
 _MAPS = ("kd", "ks", "alpha")
 _POLYNOMIALS = {"kd": "Diffuse", "ks": "Specular", "alpha": "Roughness"}
 
@@ -107,29 +121,60 @@ def read_sequence(
     that a fit has carried out of range are clamped (see `Sequence.out_of_range`).
 
     Raises `InputError` for a folder that holds no sequence, a missing frame or map, maps of
-    different sizes, values that are not numbers, or fewer than two frames.
+    different sizes, values that are not numbers or beyond those of half floats, fewer than two
+    frames or more than 1,000, or more texels than memory is likely to hold.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(
-            f"There is no folder {folder}.", "Name a folder that holds a sequence of maps."
-        )
-    if (folder / "mixture.json").exists():
-        return _read_mixture(folder, crop)
-    if any(folder.glob("kd_*.exr")):
-        sequence = _read_frames(folder, crop)
-    elif any(folder.glob("Diffuse-*.exr")):
-        sequence = _read_polynomials(folder, frames, crop)
+    source = _Folder.of(Path(folder))
+    if "mixture.json" in source.names:
+        return _read_mixture(source, crop)
+    if any(re.fullmatch(r"kd_.*\.exr", name) for name in source.names):
+        sequence = _read_frames(source, crop)
+    elif any(re.fullmatch(r"Diffuse-.*\.exr", name) for name in source.names):
+        sequence = _read_polynomials(source, frames, crop)
     else:
         raise InputError(
-            f"The folder {folder} holds no sequence.",
+            f"The folder {source} holds no sequence.",
             "It needs kd_0001.exr, ks_0001.exr, alpha_0001.exr, ...; or Diffuse-0.exr, ...; or"
             " mixture.json and w_0001.exr, ....",
         )
     return sequence.clamped() if clamp else sequence
 
 
-def _read_frames(folder: Path, crop: Crop | None) -> Sequence:
+@dataclass(frozen=True)
+class _Folder:
+    """A folder and the names in it, looked up once; as text, its path for a sentence."""
+
+    path: Path
+    names: frozenset[str]
+
+    @classmethod
+    def of(cls, path: Path) -> _Folder:
+        try:
+            return cls(path, frozenset(entry.name for entry in path.iterdir()))
+        except (FileNotFoundError, NotADirectoryError) as error:
+            raise InputError(
+                f"There is no folder {shown(path)}.", "Name a folder that holds a sequence of maps."
+            ) from error
+        except OSError as error:
+            raise InputError(
+                f"The folder {shown(path)} cannot be read: {reason(error)}.", "Check the path."
+            ) from error
+
+    def __str__(self) -> str:
+        return shown(self.path)
+
+    def json(self, name: str) -> Any:
+        """What the file `name` holds. Raises ValueError or OSError for what is no small JSON."""
+        path = self.path / name
+        if not path.is_file() or path.stat().st_size > _LARGEST_JSON:
+            raise ValueError("it is no file of this kind")
+        return strict_json(path.read_bytes())
+
+
+_NOT_JSON = (OSError, ValueError, KeyError, TypeError, RecursionError)
+
+
+def _read_frames(folder: _Folder, crop: Crop | None) -> Sequence:
     counts = {name: _frame_count(folder, name) for name in _MAPS}
     if len(set(counts.values())) > 1:
         found = ", ".join(f"{count} {name}" for name, count in counts.items())
@@ -138,45 +183,44 @@ def _read_frames(folder: Path, crop: Crop | None) -> Sequence:
             "Write kd, ks and alpha for every frame.",
         )
     frames = counts["alpha"]
-    maps = {
-        name: _stack([folder / f"{name}_{k:04d}.exr" for k in range(1, frames + 1)], crop)
-        for name in _MAPS
-    }
-    onset_path = folder / "onset.exr"
-    onset = _stack([onset_path], crop)[0, ..., 0] if onset_path.exists() else None
+    maps = {name: _stack(folder, _numbered(name, frames), frames, crop) for name in _MAPS}
+    given = "onset.exr" in folder.names
+    onset = _stack(folder, ["onset.exr"], 1, crop)[0, ..., 0] if given else None
     return replace(_sequence(folder, maps, _times(folder, frames), onset), timing=_timing(folder))
 
 
-def _read_polynomials(folder: Path, frames: int, crop: Crop | None) -> Sequence:
-    if frames < 2:
-        raise InputError(f"A sequence cannot have {frames} frames.", "Ask for at least 2.")
+def _read_polynomials(folder: _Folder, frames: int, crop: Crop | None) -> Sequence:
+    if not 2 <= frames <= MOST_AGES:
+        raise InputError(f"A sequence cannot have {frames} frames.", f"Ask for 2 to {MOST_AGES:,}.")
     times = uniform_times(frames)
     powers = times[:, None] ** np.arange(4, dtype=np.float32)  # [T, 4]
     maps = {}
     for name, prefix in _POLYNOMIALS.items():
-        coefficients = _stack([folder / f"{prefix}-{k}.exr" for k in range(4)], crop)
-        maps[name] = np.einsum("tk,khwc->thwc", powers, coefficients)
+        files = [f"{prefix}-{k}.exr" for k in range(4)]
+        maps[name] = np.einsum("tk,khwc->thwc", powers, _stack(folder, files, frames, crop))
     return _sequence(folder, maps, times, None)
 
 
-def _read_mixture(folder: Path, crop: Crop | None) -> MixtureSequence:
-    path = folder / "mixture.json"
+def _read_mixture(folder: _Folder, crop: Crop | None) -> MixtureSequence:
     try:
-        materials = json.loads(path.read_text(encoding="utf-8"))["materials"]
-        first, second = (str(name) for name in materials)
-    except (ValueError, KeyError, TypeError) as error:
+        first, second = folder.json("mixture.json")["materials"]
+        if not isinstance(first, str) or not isinstance(second, str):
+            raise TypeError("not two names")
+    except _NOT_JSON as error:
         raise InputError(
-            f"{path} does not name two materials.",
+            f"The mixture.json of {folder} does not name two materials.",
             'It should read {"materials": ["first", "second"]}.',
         ) from error
     frames = _frame_count(folder, "w")
-    weights = _stack([folder / f"w_{k:04d}.exr" for k in range(1, frames + 1)], crop)[..., 0]
+    weights = _stack(folder, _numbered("w", frames), frames, crop)[..., 0]
     if weights.min() < 0 or weights.max() > 1:
         raise InputError(f"Weights in {folder} leave 0 to 1.", "Scale them into that range.")
-    return MixtureSequence((first, second), weights, _times(folder, frames), folder.name)
+    return MixtureSequence((first, second), weights, _times(folder, frames), folder.path.name)
 
 
-def _sequence(folder: Path, maps: dict[str, Array], times: Array, onset: Array | None) -> Sequence:
+def _sequence(
+    folder: _Folder, maps: dict[str, Array], times: Array, onset: Array | None
+) -> Sequence:
     alpha = maps["alpha"][..., 0]
     sizes = {name: stack.shape[1:3] for name, stack in maps.items()}
     sizes |= {"onset": onset.shape} if onset is not None else {}
@@ -185,75 +229,92 @@ def _sequence(folder: Path, maps: dict[str, Array], times: Array, onset: Array |
         raise InputError(
             f"The maps in {folder} differ in size ({found}).", "Bring them to one size."
         )
-    return Sequence(maps["kd"], maps["ks"], alpha, times, onset, folder.name)
+    return Sequence(maps["kd"], maps["ks"], alpha, times, onset, folder.path.name)
 
 
-def _frame_count(folder: Path, name: str) -> int:
-    """Number of files `name_0001.exr` .. without a gap, at least two."""
-    pattern = re.compile(re.escape(name) + r"_(\d{4,})\.exr")
-    found = {int(m[1]) for path in folder.iterdir() if (m := pattern.fullmatch(path.name))}
-    missing = set(range(1, max(found, default=1) + 1)) - found
-    if missing:
+def _frame_count(folder: _Folder, name: str) -> int:
+    """Number of files `name_0001.exr` .. without a gap, from two to 1,000."""
+    pattern = re.compile(re.escape(name) + r"_([0-9]{4,})\.exr")
+    found = {int(m[1]) for file in folder.names if (m := pattern.fullmatch(file))}
+    # Not up to the highest number, which may be anything.
+    missing = next(k for k in range(1, len(found) + 2) if k not in found)
+    if missing <= len(found) or not found:
         raise InputError(
-            f"The sequence in {folder} lacks {name}_{min(missing):04d}.exr.",
+            f"The sequence in {folder} lacks {name}_{missing:04d}.exr.",
             "Number the frames from 0001 without gaps.",
         )
     if len(found) < 2:
         raise InputError(
             f"The sequence in {folder} has only one frame.", "It needs at least two to show change."
         )
+    if len(found) > MOST_AGES:
+        raise InputError(
+            f"The sequence in {folder} has {len(found):,} frames.",
+            f"Leave out all but {MOST_AGES:,}.",
+        )
     return len(found)
 
 
-def _times(folder: Path, frames: int) -> Array:
+def _numbered(name: str, frames: int) -> list[str]:
+    return [f"{name}_{k:04d}.exr" for k in range(1, frames + 1)]
+
+
+def _times(folder: _Folder, frames: int) -> Array:
     """The `times` of `sequence.json`, or uniform ones where there is none."""
-    path = folder / "sequence.json"
-    if not path.exists():
+    if "sequence.json" not in folder.names:
         return uniform_times(frames)
     try:
-        times = np.asarray(json.loads(path.read_text(encoding="utf-8"))["times"], np.float32)
+        times = np.asarray(folder.json("sequence.json")["times"], np.float32)
         good = times.shape == (frames,) and times[0] >= 0 and times[-1] <= 1
         good = good and bool((np.diff(times) > 0).all())
-    except (ValueError, KeyError, TypeError):
+    except _NOT_JSON:
         good = False
     if not good:
         raise InputError(
-            f"{path} does not give a rising time between 0 and 1 for each of {frames} frames.",
+            f"The sequence.json of {folder} does not give a rising time between 0 and 1 for each "
+            f"of {frames} frames.",
             'It should read {"times": [0, ..., 1]}, or be absent for equally spaced frames.',
         )
     return times
 
 
-def _timing(folder: Path) -> Timing | None:
+def _timing(folder: _Folder) -> Timing | None:
     """The `timing` of `sequence.json`; None where there is none."""
-    path = folder / "sequence.json"
-    if not path.exists():
+    if "sequence.json" not in folder.names:
         return None
     try:
-        described = json.loads(path.read_text(encoding="utf-8"))
+        described = folder.json("sequence.json")
         return Timing.from_json(described["timing"]) if "timing" in described else None
-    except (ValueError, TypeError) as error:
+    except _NOT_JSON as error:
         raise InputError(
-            f"{path} describes no timing ({error}).",
+            f"The sequence.json of {folder} describes no timing ({reason(error)}).",
             "Leave its timing out, and it is measured from onset.exr or from the frames.",
         ) from error
 
 
-def _stack(paths: list[Path], crop: Crop | None) -> Array:
-    """Images of one size as float32 [N, H, W, 3]."""
+def _stack(folder: _Folder, files: list[str], frames: int, crop: Crop | None) -> Array:
+    """Images of one size as float32 [N, H, W, 3], from which `frames` frames are made."""
     images: list[Array] = []
-    for path in paths:
-        if not path.exists():
-            raise InputError(f"The sequence in {path.parent} lacks {path.name}.", "Add the file.")
-        image = read_image(path, color=True)
+    for file in files:
+        if file not in folder.names:
+            raise InputError(f"The sequence in {folder} lacks {file}.", "Add the file.")
+        image = read_image(folder.path / file, color=True)
         if images and image.shape != images[0].shape:
             raise InputError(
-                f"{path.name} differs in size from {paths[0].name} in {path.parent}.",
+                f"{file} differs in size from {files[0]} in {folder}.",
                 "Bring all maps to one size.",
             )
-        if not np.isfinite(image).all():
+        height, width, _ = image.shape
+        if frames * height * width > MOST_TEXELS:
             raise InputError(
-                f"{path} holds values that are not numbers.", "Write the map again without them."
+                f"The sequence in {folder} has {frames} frames of {width} x {height} texels.",
+                "Make them smaller, or leave some out: a model learns from 8,192 texels.",
+            )
+        if not bool((np.abs(image) <= HALF_MAX).all()):  # nor NaN
+            raise InputError(
+                f"{shown(folder.path / file)} holds values that are not numbers, "
+                f"or beyond {HALF_MAX:,.0f}.",
+                "Write the map again without them.",
             )
         images.append(image)
     stack = np.stack(images)
@@ -261,6 +322,7 @@ def _stack(paths: list[Path], crop: Crop | None) -> Array:
         stack = stack[:, crop[0], crop[1]]
     if stack.size == 0:
         raise InputError(
-            f"Nothing of {paths[0]} is left inside the crop.", "Choose a crop inside the maps."
+            f"Nothing of {files[0]} in {folder} is left inside the crop.",
+            "Choose a crop inside the maps.",
         )
     return stack

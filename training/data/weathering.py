@@ -19,13 +19,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model_runtime.errors import InputError, OutputError
+from model_runtime.card import MOST_AGES
+from model_runtime.errors import InputError, OutputError, reason, shown
+from model_runtime.files import replaced
 from model_runtime.images import write_exr
 from model_runtime.onset import fractal_noise, onset_map, rate_map
 from model_runtime.timing import Timing
 
 from .kinetics import PROCESSES, history
-from .sequences import Sequence, uniform_times
+from .sequences import MOST_TEXELS, Sequence, uniform_times
 from .weathering_materials import draw
 
 __all__ = ("generate", "initial_values", "write")
@@ -33,6 +35,7 @@ __all__ = ("generate", "initial_values", "write")
 Array = NDArray[np.float32]
 Rng = np.random.Generator
 
+_SOURCE = "procedural (training/data/weathering.py)"
 _PATCHES = 20  # patches along a side of the tile
 _WORN = 0.35  # share of the patches that wear through to a neighbour
 _NEVER_WORN = ("fading",)  # two dyes would blend to a grey, which has none to lose
@@ -42,16 +45,17 @@ def generate(process: str, *, size: int = 96, frames: int = 36, seed: int = 0) -
     """A weathering sequence of size x size texels at `frames` uniform times.
 
     `process` is one of `kinetics.PROCESSES`. The same arguments give the same sequence. Raises
-    `InputError` for an unknown process, a size below 1 or fewer than 2 frames.
+    `InputError` for an unknown process, a size below 1, fewer than 2 frames, or more of either
+    than `read_sequence` reads.
     """
     if process not in PROCESSES:
         raise InputError(
             f"There is no process named {process!r}.", f"Choose one of {', '.join(PROCESSES)}."
         )
-    if size < 1 or frames < 2:
+    if not (size >= 1 and 2 <= frames <= MOST_AGES and frames * size * size <= MOST_TEXELS):
         raise InputError(
             f"A sequence cannot have {frames} frames of {size} x {size} texels.",
-            "Ask for at least 2 frames of at least 1 texel.",
+            f"Ask for 2 to {MOST_AGES:,} frames of at least 1 texel, {MOST_TEXELS:,} in all.",
         )
     rng = np.random.default_rng((seed, *process.encode()))
     kd, ks, alpha = initial_values(process, size=size, rng=rng)
@@ -74,30 +78,55 @@ def write(
 
     Files: `kd_0001.exr ks_0001.exr alpha_0001.exr ...`, `onset.exr` and `sequence.json` (its times
     and how it was made). Raises `InputError` as `generate` does, `OutputError` where the folder
-    cannot be written.
+    cannot be written or holds frames that were not written so.
     """
+    earlier = _earlier_frames(folder)
     sequence = generate(process, size=size, frames=frames, seed=seed)
     assert sequence.onset is not None and sequence.timing is not None
     made = {
         "process": process, "size": size, "frames": frames, "seed": seed,
-        "source": "procedural (training/data/weathering.py)", "license": "GPL-3.0-or-later",
+        "source": _SOURCE, "license": "GPL-3.0-or-later",
         "times": [float(time) for time in sequence.times], "timing": sequence.timing.json(),
     }  # fmt: skip
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        for file in earlier:
+            file.unlink()
         for name in ("kd", "ks", "alpha"):
-            for earlier in folder.glob(f"{name}_*.exr"):
-                earlier.unlink()
             for k, pixels in enumerate(getattr(sequence, name), start=1):
                 write_exr(folder / f"{name}_{k:04d}.exr", pixels)
         write_exr(folder / "onset.exr", sequence.onset)
-        (folder / "sequence.json").write_text(json.dumps(made, indent=1), encoding="utf-8")
+        with replaced(folder / "sequence.json") as file:
+            file.write_text(json.dumps(made, indent=1), encoding="utf-8")
     except OSError as error:
-        raise OutputError(
-            f"The sequence cannot be written to {folder} ({error.strerror}).",
-            "Choose a folder that can be written.",
-        ) from error
+        raise _unwritable(folder, error) from error
     return sequence
+
+
+def _earlier_frames(folder: Path) -> list[Path]:
+    """Frames that an earlier `write` left in `folder`, which is made where there is none.
+
+    Raises OutputError where it cannot be, or where the frames are somebody else's.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        found = [file for name in ("kd", "ks", "alpha") for file in folder.glob(f"{name}_*.exr")]
+        described = folder / "sequence.json"
+        ours = described.is_file() and _SOURCE in described.read_text(errors="replace")
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    if found and not ours:
+        raise OutputError(
+            f"{shown(folder)} holds frames that this command has not written.",
+            "Choose another folder.",
+        )
+    return found
+
+
+def _unwritable(folder: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"The sequence cannot be written to {shown(folder)} ({reason(error)}).",
+        "Choose a folder that can be written.",
+    )
 
 
 def initial_values(process: str, *, size: int, rng: Rng) -> tuple[Array, Array, Array]:

@@ -22,7 +22,7 @@ __all__ = (
     "remove_keys",
 )
 
-Animated: TypeAlias = bpy.types.NodeTree | bpy.types.Material
+Animated: TypeAlias = bpy.types.NodeTree | bpy.types.Material | bpy.types.Object
 
 
 @dataclass(frozen=True)

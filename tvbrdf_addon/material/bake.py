@@ -10,16 +10,27 @@ import bpy
 import numpy as np
 
 from ..errors import MaterialError
+from .evaluated import Evaluated
 from .groups import shown_outside
-from .pixels import Array, image_pixels, resampled
+from .pixels import Array, image_pixels, require_memory, resampled
 from .space import image_sizes
-from .surface import find_principled
+from .standin import object_like, scene_like
+from .surface import Place, find_principled
 from .tiles import Tile, Tiles
-from .unwrap import plain_mesh
+from .trace import resolve, upstream
 
 __all__ = ("Target", "bake_sockets")
 
 _TILE = "tvbrdf tile"
+# What Cycles and its copies need for a texel of a bake.
+_BYTES_PER_TEXEL = 100
+
+# Nodes whose value is a mean over random rays, of which one sample has few.
+_NOISY = ("BEVEL", "AMBIENT_OCCLUSION")
+# Samples of a texel that has to be averaged, and of all texels together.
+_SAMPLES, _MOST_SAMPLES = 16, 1 << 25
+# Mean error of values between four texels, told by these, from which a pattern is finer than they.
+_FINE = 0.02
 
 
 @dataclass(frozen=True)
@@ -27,12 +38,14 @@ class Target:
     """What is baked to: the UV map of an object that has `material`, or (None) plain squares.
 
     On plain squares image textures are looked up texel by texel, whatever feeds their Vector.
+    `scene` is the artist's, whose attributes the material may read.
     """
 
     material: bpy.types.Material
-    obj: bpy.types.Object | None = None
+    look: Evaluated | None = None
     uv_map: str = "UVMap"
     tiles: Tiles = field(default_factory=Tiles)
+    scene: bpy.types.Scene | None = None
 
 
 def bake_sockets(
@@ -50,51 +63,119 @@ def bake_sockets(
     BSDF lies in.  `size` is the (height, width) at which
     each tile is baked, `shape` that to which it is then resampled, if it is another.  Colours are
     [H, W, 3], numbers [H, W] for all tiles together; the coverage [H, W] is 1 where a face lies.
-    One sample at the texel's centre, so the same input gives the same maps.  Raises `MaterialError`
-    where Cycles fails.
+    One sample at the texel's centre, or the mean of several where what is baked is noisy or finer
+    than a texel; the same input gives the same maps.  Of a target's object faces must have been
+    required (`unwrap.require_faces`).  Raises `MaterialError` where Cycles fails.
     """
+    require_memory(size, _BYTES_PER_TEXEL)
     tree = copy.node_tree
     place = find_principled(copy)
     output, sockets = place.output, [place.input(each) for each in identifiers]
     output.target = "CYCLES"  # it may be one for EEVEE
+    behind = [pair for socket in sockets for pair in upstream(socket, place.groups)]
+    noisy = any(node.type in _NOISY for node, _ in behind)
+    patterned = target.look is not None and any(_is_pattern(node) for node, _ in behind)
+    many = max(4, min(_SAMPLES, _MOST_SAMPLES // (size[0] * size[1])))
     with ExitStack() as stack:
         scene = stack.enter_context(_scene(frame))
-        obj = stack.enter_context(_object(scene, copy, target))
+        scene_like(scene, target.scene, behind)
+        obj = stack.enter_context(_object(scene, copy, target, behind))
         image = stack.enter_context(_image(size))
+        coarse = stack.enter_context(_image((max(1, size[0] // 4), max(1, size[1] // 4))))
+        alphas = _used_alphas(place)
         for side in ("Volume", "Displacement"):
             _unlink(tree, output.inputs[side])
         emission = tree.nodes.new("ShaderNodeEmission")
         tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
+        _keep_used(tree, alphas, emission.inputs["Strength"])
         node = tree.nodes.new("ShaderNodeTexImage")
-        node.image = image
         tree.nodes.active = node
-        if target.obj is None:
+        if target.look is None:
             for each in place.trees:
-                _look_up_texels(each, size, target.tiles)
+                _look_up_texels(each, size, target.tiles, node)
 
-        def bake(tile: Tile, margin: int) -> Array:
+        def bake(
+            tile: Tile, margin: int, samples: int = 1, image: bpy.types.Image = image
+        ) -> Array:
+            node.image, scene.cycles.samples = image, samples
             _bake(scene, obj, _uv_map_of(tile, obj.data, target), margin)
             return image_pixels(image)[..., :3]
+
+        def averaged(tile: Tile, inside: Array) -> Array:
+            pixels = bake(tile, margin, many if noisy else 1)
+            if noisy or not patterned or size[0] % 4 or size[1] % 4:
+                return pixels
+            between = bake(tile, margin, image=coarse)
+            return bake(tile, margin, many) if _is_finer(pixels, between, inside) else pixels
 
         def kept(pixels: Array) -> Array:
             return resampled(pixels, shape or size)
 
         tiles = target.tiles.used
         emission.inputs["Color"].default_value = (1, 1, 1, 1)
-        coverage = {tile: kept(bake(tile, 0)[..., 0]) for tile in tiles}
+        inside = {tile: bake(tile, 0)[..., 0] for tile in tiles}
         margin = max(8, max(size) // 32)
         maps: dict[str, dict[Tile, Array]] = {each: {} for each in identifiers}
         for group in _passes(sockets):
             _emit(tree, emission, group, place.groups)
             for tile in tiles:
-                pixels = bake(tile, margin)
+                pixels = averaged(tile, inside[tile])
                 if group[0].type == "RGBA":
                     maps[group[0].identifier][tile] = kept(pixels)
                 else:
                     for i, socket in enumerate(group):
                         maps[socket.identifier][tile] = kept(pixels[..., i])
         together = target.tiles.put_together
-        return {each: together(parts) for each, parts in maps.items()}, together(coverage)
+        coverage = together({tile: kept(each) for tile, each in inside.items()}, beside=0.0)
+        return {each: together(parts) for each, parts in maps.items()}, coverage
+
+
+def _is_pattern(node: bpy.types.Node) -> bool:
+    return node.type.startswith("TEX_") and node.type != "TEX_COORD"
+
+
+def _is_finer(pixels: Array, between: Array, inside: Array) -> bool:
+    """Whether a pattern is finer than its texels: `between` every fourth of which, across and
+    down, it was looked at again, and is not what the four around tell.
+    """
+
+    def mean_around(values: Array) -> Array:
+        return sum(values[1 + i :: 4, 1 + j :: 4] for i in (0, 1) for j in (0, 1)) / 4
+
+    known = mean_around(inside) == 1
+    error = np.abs(mean_around(pixels) - between)[known]
+    return bool(error.size and error.mean() > _FINE)
+
+
+def _used_alphas(place: Place) -> list[bpy.types.NodeSocket]:
+    """The outputs through which the material uses alphas of images: Cycles then takes the images'
+    colors without them.
+    """
+    found = [
+        node.outputs["Alpha"]
+        for node, name in upstream(place.output.inputs["Surface"])
+        if node.type == "TEX_IMAGE" and name == "Alpha" and node.id_data in place.trees
+    ]
+    alpha = resolve(place.input("Alpha"), place.groups)
+    if alpha.is_output and alpha.node.type == "GROUP":
+        found.append(alpha)
+    return [shown_outside(socket, place.groups) for socket in found]
+
+
+def _keep_used(
+    tree: bpy.types.NodeTree,
+    sockets: Sequence[bpy.types.NodeSocket],
+    strength: bpy.types.NodeSocket,
+) -> None:
+    """Lets `strength`, which stays 1, seem to depend on `sockets`."""
+    for socket in sockets:
+        one = tree.nodes.new("ShaderNodeMath")
+        one.operation, one.use_clamp = "MAXIMUM", True
+        one.inputs[0].default_value = 1.0
+        if strength.is_linked:
+            tree.links.new(strength.links[0].from_socket, one.inputs[0])
+        tree.links.new(socket, one.inputs[1])
+        tree.links.new(one.outputs[0], strength)
 
 
 def _passes(sockets: Sequence[bpy.types.NodeSocket]) -> Iterator[list[bpy.types.NodeSocket]]:
@@ -125,9 +206,11 @@ def _emit(
     tree.links.new(combined.outputs["Vector"], emission.inputs["Color"])
 
 
-def _look_up_texels(tree: bpy.types.NodeTree, size: tuple[int, int], tiles: Tiles) -> None:
+def _look_up_texels(
+    tree: bpy.types.NodeTree, size: tuple[int, int], tiles: Tiles, ours: bpy.types.Node
+) -> None:
     for node in tree.nodes:
-        if node.type == "TEX_IMAGE":
+        if node.type == "TEX_IMAGE" and node != ours:
             _unlink(tree, node.inputs["Vector"])
             node.projection = "FLAT"
             image = node.image
@@ -168,31 +251,26 @@ def _scene(frame: int) -> Iterator[bpy.types.Scene]:
 
 @contextmanager
 def _object(
-    scene: bpy.types.Scene, copy: bpy.types.Material, target: Target
+    scene: bpy.types.Scene,
+    copy: bpy.types.Material,
+    target: Target,
+    behind: Sequence[tuple[bpy.types.Node, str]],
 ) -> Iterator[bpy.types.Object]:
-    """The target's stand-in: the object again, with `copy` where it has the material."""
+    """The target's stand-in: the object as it was seen, with `copy` where it has the material."""
     with ExitStack() as stack:
-        blank = bpy.data.materials.new("tvbrdf blank")
-        stack.callback(bpy.data.materials.remove, blank)
-        if target.obj is None:
+        if target.look is None:
             mesh = _squares(target.uv_map, target.tiles)
             stack.callback(bpy.data.meshes.remove, mesh)
             mesh.materials.append(copy)
             obj = bpy.data.objects.new("tvbrdf bake", mesh)
+            stack.callback(bpy.data.objects.remove, obj)
         else:
-            mesh = stack.enter_context(plain_mesh(target.obj))
-            if not target.tiles.are_one:
-                mesh = mesh.copy()
-                stack.callback(bpy.data.meshes.remove, mesh)
-            obj = target.obj.copy()
-            obj.data = mesh
-        stack.callback(bpy.data.objects.remove, obj)
-        if target.obj is not None:
-            for slot in obj.material_slots:
-                ours = slot.material == target.material
-                slot.link = "OBJECT"
-                slot.material = copy if ours else blank
-        obj.hide_render = obj.hide_viewport = False
+            blank = bpy.data.materials.new("tvbrdf blank")
+            stack.callback(bpy.data.materials.remove, blank)
+            materials = [
+                copy if each == target.material else blank for each in target.look.mesh.materials
+            ]
+            obj = stack.enter_context(object_like(target.look, materials, behind))
         scene.collection.objects.link(obj)
         yield obj
 
@@ -216,7 +294,7 @@ def _uv_map_of(tile: Tile, mesh: bpy.types.Mesh, target: Target) -> str:
     layer = mesh.uv_layers.get(_TILE) or mesh.uv_layers.new(name=_TILE, do_init=False)
     if layer is None:
         raise MaterialError(
-            f"“{target.obj.name}” has as many UV maps as it can have, and tiles need another.",
+            f"“{target.look.obj.name}” has as many UV maps as it can have, and tiles need another.",
             "Remove one under Object Data > UV Maps.",
         )
     uv = np.empty(len(mesh.loops) * 2, np.float32)

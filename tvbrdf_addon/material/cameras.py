@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import bpy
@@ -12,6 +11,8 @@ import mathutils
 import numpy as np
 
 from .density import pixels_across
+from .evaluated import stage
+from .onset import showing
 from .space import Space, image_size
 from .trace import is_animated, resolve
 from .unwrap import active_uv_map, triangles
@@ -100,10 +101,10 @@ def all_the_cameras_see(
 def _over(view: _View, frames: Iterable[int], most: int) -> float:
     """The most pixels over `frames`; looks no further where more than `most` are needed anyway."""
     seen = 0.0
-    with _stage([*view.cameras, *view.objects]) as stage:
+    with stage("tvbrdf cameras", [*view.cameras, *view.objects]) as scene:
         for frame in frames:
-            stage.frame_set(frame)
-            seen = max(seen, view.pixels(stage.view_layers[0].depsgraph))
+            scene.frame_set(frame)
+            seen = max(seen, view.pixels(scene.view_layers[0].depsgraph))
             if _SAFETY * seen > most:
                 break
     return seen
@@ -116,19 +117,6 @@ def _looks(scene: bpy.types.Scene, frames: tuple[int, int]) -> list[int]:
     return [round(first + i * (last - first) / max(count - 1, 1)) for i in range(count)]
 
 
-@contextmanager
-def _stage(objects: Sequence[bpy.types.Object]) -> Iterator[bpy.types.Scene]:
-    """A scene with these objects only, whose time can be changed without touching the artist's."""
-    stage = bpy.data.scenes.new("tvbrdf cameras")
-    try:
-        for obj in objects:
-            stage.collection.objects.link(obj)
-        yield stage
-    finally:
-        # Not scenes.remove, which crashes Blender (4.3) where there is no window: --command.
-        bpy.data.batch_remove((stage,))
-
-
 class _View:
     """Who looks at what: `cameras` at the `objects` that show a material.
 
@@ -138,11 +126,7 @@ class _View:
     def __init__(self, material: bpy.types.Material, space: Space, scene: bpy.types.Scene) -> None:
         self._material = material
         self.cameras = [obj for obj in scene.objects if obj.type == "CAMERA"]
-        self.objects = [
-            obj
-            for obj in scene.objects
-            if not obj.hide_render and any(s.material == material for s in obj.material_slots)
-        ]
+        self.objects = [obj for obj in showing(material, scene) if not obj.hide_render]
         render = scene.render
         share = render.resolution_percentage / 100
         self._resolution = round(render.resolution_x * share), round(render.resolution_y * share)
@@ -168,7 +152,8 @@ class _View:
                 uv_map = self._uv_map or active_uv_map(mesh)
                 if uv_map is None or uv_map not in mesh.uv_layers:
                     raise _UnknownError(f"“{obj.name}” has no such UV map")
-                corners, uv = triangles(obj, mesh, self._material, uv_map)
+                slots = [_is(slot.material, self._material) for slot in evaluated.material_slots]
+                corners, uv = triangles(mesh, slots, uv_map)
             finally:
                 evaluated.to_mesh_clear()
             if not len(uv):
@@ -190,6 +175,10 @@ class _View:
         placed = evaluated.matrix_world.normalized()
         focal = max(projection[0][0] * width, projection[1][1] * height) / 2
         return np.array(projection @ placed.inverted()), focal
+
+
+def _is(seen: bpy.types.Material | None, material: bpy.types.Material) -> bool:
+    return seen is not None and seen.original == material
 
 
 def _has_instances(material: bpy.types.Material, depsgraph: bpy.types.Depsgraph) -> bool:

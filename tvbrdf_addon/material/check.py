@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..errors import MaterialError
-from .onset import is_painted
+from .onset import is_painted, is_shown
 from .record import is_aged
 from .space import choose_space
 from .surface import find_principled
@@ -63,19 +63,34 @@ def _why_not_sockets(
             if node.type == "TEX_IMAGE" and node.image is None:
                 return f"The Image Texture “{node.name}” of {name} has no image: choose one."
     space = choose_space(place.principled, place.groups, painted=is_painted(owner))
-    textured = space.kind == "uniform" and material.tvbrdf.onset != "none"
-    return why_no_uv(owner, obj) if space.reads_uv or textured else None
+    if space.reads_uv:
+        return why_no_uv(owner, obj)
+    # A plain material needs UVs only for the pattern in which it starts.
+    if space.kind != "uniform" or owner.tvbrdf.onset == "none":
+        return None
+    reason = why_no_uv(owner, obj)
+    return reason and f"{reason.removesuffix('.')}, or set Start to Everywhere at Once."
 
 
 def why_no_uv(material: bpy.types.Material, obj: bpy.types.Object | None) -> str | None:
     """Why `obj` offers no UV map for textures of the material, or None if it does."""
     name = f"“{material.name}”"
     if obj is None:
-        return f"{name} has to become a texture: select an object that uses it."
-    if all(slot.material != material for slot in obj.material_slots):
+        return _why_no_object(material)
+    if not is_shown(material, obj):
         return f"“{obj.name}” does not use {name}: select an object that does."
     if obj.type != "MESH":
         return f"“{obj.name}” is no mesh, so it has no UVs: use Object > Convert > Mesh."
-    if not obj.data.uv_layers:
+    if not obj.data.uv_layers and not any(each.type == "NODES" for each in obj.modifiers):
         return f"The mesh of “{obj.name}” has no UV map: unwrap it (UV > Smart UV Project)."
     return None
+
+
+def _why_no_object(material: bpy.types.Material) -> str:
+    name = f"“{material.name}”"
+    for obj in bpy.data.objects:
+        elsewhere = obj.users_scene and bpy.context.scene not in obj.users_scene
+        if elsewhere and is_shown(material, obj):
+            scene = obj.users_scene[0].name
+            return f"{name} is shown by “{obj.name}” of the scene “{scene}”: switch to that scene."
+    return f"{name} has to become a texture: select an object that uses it."

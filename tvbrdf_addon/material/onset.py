@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-__all__ = ("bearers", "is_invertible", "is_painted", "showing", "why_no_onset")
+__all__ = ("bearers", "is_invertible", "is_painted", "is_shown", "showing", "why_no_onset")
 
 
 def is_painted(material: bpy.types.Material) -> bool:
@@ -18,12 +18,18 @@ def is_invertible(material: bpy.types.Material) -> bool:
 
 
 def showing(material: bpy.types.Material, scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The objects of the scene that show `material`."""
-    return [
-        obj
-        for obj in scene.objects
-        if any(slot.material == material for slot in obj.material_slots)
-    ]
+    """The objects of the scene that show `material`: in a slot, or given by their modifiers."""
+    return [obj for obj in scene.objects if is_shown(material, obj)]
+
+
+def is_shown(material: bpy.types.Material, obj: bpy.types.Object) -> bool:
+    """Whether an object shows `material`: it is in a slot, or geometry nodes give it."""
+    if any(slot.material == material for slot in obj.material_slots):
+        return True
+    if obj.type != "MESH" or all(modifier.type != "NODES" for modifier in obj.modifiers):
+        return False
+    seen = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return any(each is not None and each.original == material for each in seen.data.materials)
 
 
 def bearers(

@@ -12,13 +12,15 @@ import numpy as np
 
 from ..errors import MaterialError
 from .bake import Target, bake_sockets
+from .doubts import baked_badly
+from .evaluated import Evaluated, distinct, evaluated
 from .onset import bearers, is_painted, showing, why_no_onset
-from .pixels import Array, in_file, luminance, write_exr
+from .pixels import Array, in_file, luminance, set_as_data, write_exr
 from .read import Reading
 from .space import image_size
 from .surface import find_principled
 from .tiles import Tiles
-from .unwrap import active_uv_map, check_unwrapped, overlaps, plain_mesh, triangles
+from .unwrap import active_uv_map, check_unwrapped, require_faces, shows
 
 __all__ = ("Onset", "write_onset")
 
@@ -103,7 +105,7 @@ def _shades(image: bpy.types.Image, tiles: Tiles) -> Array:
     with _emitter("ShaderNodeTexImage") as (material, node):
         node.image = image.copy()
         try:
-            node.image.colorspace_settings.name = "Non-Color"
+            set_as_data(node.image)
             target = Target(material, tiles=tiles)
             maps, _ = bake_sockets(material, ["Metallic"], target, size=image_size(image), frame=1)
         finally:
@@ -141,27 +143,33 @@ def _painted(
     onset = np.ones(size, np.float32)
     covered, reached = np.zeros(size, bool), np.zeros(size, bool)
     warnings = _left_out(material, scene, name)
-    for obj in _distinct(bearers(material, scene, name), material):
-        uv_map = _uv_map(obj, showing(material, scene), reading)
-        if not _has_faces(obj, material, uv_map):
-            continue
-        if tiles.are_one:
-            check_unwrapped(obj, material, uv_map, max(size))
-        # Before the bake, which makes nothing of what is negative.
-        whose = f"The color attribute “{name}” of “{obj.name}”"
-        _check(_attribute(obj, name), invert, whose)
-        baked = _bake(Target(material, obj, uv_map, tiles), name, tile, frame)
-        taken = (baked.reach & ~reached) | (baked.inside & ~covered)
-        if np.count_nonzero(baked.inside & covered) > _SHARED * np.count_nonzero(baked.inside):
-            warnings.append(
-                f"“{obj.name}” shares UVs with another object: what is painted there on the other "
-                "counts for both."
-            )
-        elif overlaps(obj, material, uv_map, baked.inside, tiles.rows * tiles.columns):
-            warnings.append(
-                f"Faces of “{obj.name}” overlap in the UV map “{uv_map}” and will share one "
-                "texture."
-            )
+    for obj in distinct(bearers(material, scene, name)):
+        with evaluated(obj, frame) as look:
+            if not shows(look, material):
+                continue
+            if name not in look.mesh.color_attributes or active_uv_map(look.mesh) is None:
+                raise MaterialError(
+                    f"The modifiers of “{obj.name}” leave no color attribute “{name}”, or no UV "
+                    "map.",
+                    "Apply them (Object > Convert > Mesh) and paint the result.",
+                )
+            uv_map = _uv_map(look, showing(material, scene), reading)
+            require_faces(look, material, frame)
+            if tiles.are_one:
+                check_unwrapped(look, material, uv_map, max(size))
+            # Before the bake, which makes nothing of what is negative.
+            whose = f"The color attribute “{name}” of “{obj.name}”"
+            _check(_attribute(look, name), invert, whose)
+            target = Target(material, look, uv_map, tiles)
+            baked = _bake(target, name, tile, frame)
+            taken = (baked.reach & ~reached) | (baked.inside & ~covered)
+            if np.count_nonzero(baked.inside & covered) > _SHARED * np.count_nonzero(baked.inside):
+                warnings.append(
+                    f"“{obj.name}” shares UVs with another object: what is painted there on the "
+                    "other counts for both."
+                )
+            else:
+                warnings += baked_badly(target, baked.inside)
         onset[taken] = _meant(baked.shades[taken], invert)
         covered |= baked.inside
         reached |= baked.reach
@@ -186,36 +194,19 @@ def _left_out(material: bpy.types.Material, scene: bpy.types.Scene, name: str) -
     ]
 
 
-def _distinct(
-    objects: list[bpy.types.Object], material: bpy.types.Material
-) -> list[bpy.types.Object]:
-    """One object of those that would bake alike: linked duplicates are many and are one mesh."""
-    alike = {}
-    for obj in objects:
-        shown = tuple(slot.material == material for slot in obj.material_slots)
-        alike.setdefault((obj.data.session_uid, shown, obj.mode), obj)
-    return list(alike.values())
-
-
-def _uv_map(obj: bpy.types.Object, users: list[bpy.types.Object], reading: Reading) -> str:
+def _uv_map(look: Evaluated, users: list[bpy.types.Object], reading: Reading) -> str:
     """The UV map by which the object will look its textures up: that of all users, or its own."""
-    meshes = [user.data for user in users if user.type == "MESH"]
+    meshes = [look.mesh, *(user.data for user in users if user.type == "MESH")]
     if reading.uv_map and all(reading.uv_map in mesh.uv_layers for mesh in meshes):
         return reading.uv_map
-    return active_uv_map(obj.data)
+    return active_uv_map(look.mesh)
 
 
-def _has_faces(obj: bpy.types.Object, material: bpy.types.Material, uv_map: str) -> bool:
-    with plain_mesh(obj) as mesh:
-        return bool(len(triangles(obj, mesh, material, uv_map)[1]))
-
-
-def _attribute(obj: bpy.types.Object, name: str) -> Array:
+def _attribute(look: Evaluated, name: str) -> Array:
     """The shades of all vertices or face corners."""
-    with plain_mesh(obj) as mesh:
-        data = mesh.color_attributes[name].data
-        colors = np.empty(len(data) * 4, np.float32)
-        data.foreach_get("color", colors)
+    data = look.mesh.color_attributes[name].data
+    colors = np.empty(len(data) * 4, np.float32)
+    data.foreach_get("color", colors)
     return luminance(colors.reshape(1, -1, 4)[..., :3])
 
 

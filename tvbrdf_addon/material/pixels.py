@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import bpy
+import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,49 +19,92 @@ __all__ = (
     "luminance",
     "read_exr",
     "read_exr_texel",
+    "require_memory",
     "resampled",
+    "set_as_data",
     "write_exr",
 )
 
 Array = NDArray[np.float32]
 
-LUMINANCE = np.array((0.2126, 0.7152, 0.0722), np.float32)
-"""Rec.709 luminance: what Cycles makes of a colour that feeds a number."""
+# What reading a texel of an image takes, copies included.
+_BYTES_PER_TEXEL = 50
+
+
+def _luminance() -> Array:
+    """What Cycles makes of a colour that feeds a number: each primary's share, which the OCIO
+    configuration tells.
+    """
+    primaries = (mathutils.Color(row) for row in np.eye(3).tolist())
+    shares = np.array([each.from_scene_linear_to_xyz_d65()[1] for each in primaries], np.float32)
+    rec709 = np.array((0.2126, 0.7152, 0.0722), np.float32)
+    return rec709 if np.allclose(shares, rec709, atol=1e-3) else shares
+
+
+def require_memory(size: tuple[int, int], bytes_per_texel: int) -> None:
+    """Raises `MaterialError` where so many texels would fill the memory, which ends Blender."""
+    if not hasattr(os, "sysconf"):  # Windows does not tell
+        return
+    needed = size[0] * size[1] * bytes_per_texel
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > 0.8 * memory:
+        raise MaterialError(
+            f"Textures of {size[1]} x {size[0]} px need {needed / 1e9:.0f} GB of memory, and this "
+            f"machine has {memory / 1e9:.0f}.",
+            "Choose a smaller size.",
+        )
 
 
 def image_pixels(image: bpy.types.Image) -> Array:
     """An image's raw pixels [H, W, 4], in its own colour space if it has 8 bits, linear if more."""
     width, height = image.size
+    require_memory((height, width), _BYTES_PER_TEXEL)
     pixels = np.empty(width * height * 4, np.float32)
     image.pixels.foreach_get(pixels)
     return pixels.reshape(height, width, 4)[::-1]
 
 
-def linear_color(image: bpy.types.Image) -> tuple[Array, bool]:
-    """An image's linear colour [H, W, 3], and whether its alpha darkens it where Alpha is not used.
+def set_as_data(image: bpy.types.Image) -> None:
+    """Makes an image numbers that no color management touches, whatever its name for that is."""
+    image.colorspace_settings.is_data = True
+
+
+def linear_color(image: bpy.types.Image, *, alpha_is_used: bool) -> Array | None:
+    """An image's linear colour [H, W, 3]; None where Cycles mixes its alpha into it, its own way.
 
     Images of more than 8 bits are linear as soon as they are loaded.
     """
     pixels = image_pixels(image)
     color = np.ascontiguousarray(pixels[..., :3])
-    if image.is_float or image.colorspace_settings.name != "sRGB":
-        return color, False
-    darkens = image.alpha_mode == "STRAIGHT" and bool((pixels[..., 3] < 1).any())
-    return _srgb_to_linear(color), darkens
+    is_data = image.colorspace_settings.is_data
+    counts = image.alpha_mode in ("STRAIGHT", "PREMUL") and bool((pixels[..., 3] < 1).any())
+    if counts and (image.is_float or image.alpha_mode == "PREMUL"):
+        return None
+    if image.is_float or is_data:
+        return color
+    return None if counts and not alpha_is_used else _srgb_to_linear(color)
 
 
 def in_file(image: bpy.types.Image) -> Array:
     """An image's colour [H, W, 3] as its file holds it, or would once it is saved."""
+    managed = image.is_float and not image.colorspace_settings.is_data
+    if managed and image.source == "FILE" and not image.is_dirty:
+        # 16 bits: Blender has made them linear when it loaded them.
+        copy = image.copy()
+        try:
+            set_as_data(copy)
+            return np.ascontiguousarray(image_pixels(copy)[..., :3])
+        finally:
+            bpy.data.images.remove(copy)
     color = np.ascontiguousarray(image_pixels(image)[..., :3])
-    # 16 bits: Blender has made them linear when it loaded them.
-    decoded = image.is_float and image.colorspace_settings.name == "sRGB"
+    decoded = managed and image.colorspace_settings.name == "sRGB"
     return _linear_to_srgb(color) if decoded else color
 
 
 def luminance(pixels: Array) -> Array:
     """What counts of a map [H, W, C] where a number is asked for, as in Cycles: [H, W]."""
     grey = pixels.shape[-1] == 1 or (pixels == pixels[..., :1]).all()
-    return pixels[..., 0] if grey else pixels @ LUMINANCE  # grey stays exact
+    return pixels[..., 0] if grey else pixels @ _luminance()  # grey stays exact
 
 
 def _srgb_to_linear(color: Array) -> Array:
@@ -148,7 +193,7 @@ def read_exr(path: Path) -> Array:
     """A map [H, W, 3] as its file holds it."""
     image = bpy.data.images.load(str(path), check_existing=False)
     try:
-        image.colorspace_settings.name = "Non-Color"
+        set_as_data(image)
         return image_pixels(image)[..., :3].copy()
     finally:
         bpy.data.images.remove(image)

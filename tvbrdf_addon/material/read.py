@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import bpy
@@ -16,24 +16,42 @@ from ..properties import frame_range
 from .bake import Target, bake_sockets
 from .cameras import FULL, TextureSize, all_the_cameras_see
 from .check import why_not
+from .doubts import baked_badly, lost, shared, unwrapped_badly
+from .evaluated import Evaluated, distinct, evaluated
 from .groups import own_groups, owned_groups, remove_unused
 from .onset import is_painted, showing
 from .ownership import user_count
 from .pixels import Array, linear_color, luminance, resampled, write_exr
 from .revert import revert
-from .space import Sampling, Space, choose_space, image_size, is_constant, is_direct
+from .space import (
+    Sampling,
+    Space,
+    choose_space,
+    image_size,
+    is_constant,
+    is_direct,
+    looked_up_by,
+)
 from .surface import find_principled
 from .tiles import Tiles, tiles_of
-from .trace import SOCKETS, is_animated, resolve, upstream
-from .unwrap import active_uv_map, check_unwrapped, overlaps
+from .trace import SOCKETS, resolve, upstream
+from .unwrap import (
+    active_uv_map,
+    check_unwrapped,
+    covered,
+    require_faces,
+    require_uv_map,
+    slots_with,
+    triangles,
+)
 
 __all__ = ("Reading", "read")
 
 _LARGEST = 16384  # pixels a side that the worker takes, and most GPUs
+_LARGEST_BAKE = 8192  # of which Cycles needs some GB
 _NAMED = 5  # tiles in a sentence
-
-_VIEW_NODES = ("FRESNEL", "LAYER_WEIGHT", "CAMERA", "LIGHT_PATH", "SHADERTORGB")
-_VIEW_OUTPUTS = ("Incoming", "Camera", "Window", "Reflection", "Parametric", "Backfacing")
+_LOOKED_AT = 32  # objects
+_COVERAGE = 512  # cells a side, of images' own space
 
 
 @dataclass(frozen=True)
@@ -70,11 +88,13 @@ def read(
     theirs; None makes all as large as the cameras see, and no image larger.  Of images with UDIM
     tiles each tile has that size; the maps show all that are needed, side by side.  What is
     animated is read at `frame`, by default the first of the material's range.  A material that is
-    already aged is read as it was before.  Raises `MaterialError`.
+    already aged is read as it was before.  Where texels are known that no face covers,
+    `Coverage.exr` has 0 there and more elsewhere.  Raises `MaterialError`.
     """
     frames = frame_range(material, scene)
     frame = frames[0] if frame is None else frame
-    with _original(material) as copy:
+    with ExitStack() as stack:
+        copy = stack.enter_context(_original(material))
         reason = why_not(copy, obj, owner=material)
         if reason:
             raise MaterialError(reason)
@@ -82,7 +102,8 @@ def read(
         groups = place.groups
         space = choose_space(place.principled, groups, painted=is_painted(material))
         sockets = {name: place.input(each) for name, each in SOCKETS.items()}
-        warnings = _warnings(sockets, space, material, frame)
+        behind = [pair for socket in sockets.values() for pair in upstream(socket, groups)]
+        warnings = lost(sockets, space, material, frame)
         if space.kind == "uv" and choose_space(place.principled, groups).kind == "texture":
             warnings.append(
                 f"The images of “{material.name}” are baked to the UV map, because what is painted "
@@ -107,7 +128,14 @@ def read(
         else:
             textures = TextureSize(size, "")
         users = [obj] if space.kind == "uv" else showing(material, scene)
-        tiles = tiles_of(place.principled, space, material, users)
+        tiles = tiles_of(place.principled, space, material, users, frame)
+        textured = uniform and material.tvbrdf.onset != "none"
+        looks = []
+        if space.reads_uv or textured:
+            seen = distinct([obj, *users])[:_LOOKED_AT]
+            looks = [stack.enter_context(evaluated(each, frame)) for each in seen]
+            require_uv_map(looks[0], needed=not uniform)
+            warnings += unwrapped_badly(looks, material, space)
         whole = _whole(space, direct, max(textures.pixels, FULL) if size is None else size)
         wanted = whole if size is not None else _shrunk(whole, textures.pixels)
         shape = _shrunk(wanted, _LARGEST // max(tiles.rows, tiles.columns))
@@ -129,12 +157,23 @@ def read(
                     maps[name] = resampled(pixels, shape)
         rest = [name for name in sockets if name not in maps]
         sampling = Sampling.of(space.images[0], groups) if space.kind == "texture" else Sampling()
-        uv_map = active_uv_map(obj.data) if space.kind == "uv" else None
-        if rest:
-            target = Target(material, tiles=tiles)
-            if uv_map is not None:
-                target = Target(material, obj, uv_map, tiles)
-            warnings += _bake(maps, rest, copy, target, whole, shape, frame)
+        uv_map, coverage = None, None
+        if space.kind == "uv":
+            uv_map = active_uv_map(looks[0].mesh)
+            if tiles.are_one:
+                # What lies beside an island at the border is not what lies at the other border.
+                sampling = replace(sampling, extension="EXTEND")
+            target = Target(material, looks[0], uv_map, tiles, scene)
+            coverage = _bake(maps, rest, copy, target, whole, shape, frame)
+            warnings += baked_badly(target, coverage)
+            warnings += shared(material, obj, scene, behind)
+        elif rest:
+            target = Target(material, tiles=tiles, scene=scene)
+            _bake(maps, rest, copy, target, whole, shape, frame)
+        if space.kind == "texture" and tiles.are_one:
+            coverage = _covered(looks, users, material, space)
+    if coverage is not None and not coverage.all():
+        write_exr(folder / "Coverage.exr", coverage)
     for name, pixels in maps.items():
         write_exr(folder / f"{name}.exr", _bounded(name, pixels))
     size_of_maps = (1, 1) if uniform else tiles.whole(shape)
@@ -200,10 +239,8 @@ def _value_at(source: bpy.types.NodeSocket, frame: int) -> list[float]:
 def _image_map(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node]) -> Array | None:
     """The image that a socket shows; None where Cycles mixes its alpha into it, its own way."""
     node = resolve(socket, groups).node
-    color, has_alpha = linear_color(node.image)
-    if has_alpha and not node.outputs["Alpha"].is_linked:
-        return None
-    return _converted(socket, color)
+    color = linear_color(node.image, alpha_is_used=node.outputs["Alpha"].is_linked)
+    return None if color is None else _converted(socket, color)
 
 
 def _converted(socket: bpy.types.NodeSocket, pixels: Array) -> Array:
@@ -233,70 +270,41 @@ def _bake(
     size: tuple[int, int],
     shape: tuple[int, int],
     frame: int,
-) -> list[str]:
-    """Adds maps, each tile baked at `size` and made as large as `shape`; returns warnings."""
+) -> Array:
+    """Adds maps, each tile baked at `size` and made as large as `shape`; the coverage."""
     identifiers = {SOCKETS[name]: name for name in names}
-    material, obj, tiles = target.material, target.obj, target.tiles
-    if obj is not None and tiles.are_one:
-        check_unwrapped(obj, material, target.uv_map, max(size))
+    look = target.look
+    if look is not None:
+        require_faces(look, target.material, frame)
+        if target.tiles.are_one:
+            check_unwrapped(look, target.material, target.uv_map, max(size))
+    size = _shrunk(size, _LARGEST_BAKE)
     baked, coverage = bake_sockets(
         copy, list(identifiers), target, size=size, frame=frame, shape=shape
     )
     maps |= {identifiers[each]: pixels for each, pixels in baked.items()}
-    warnings = []
-    if obj is not None:
-        if not coverage.any():
-            raise MaterialError(
-                f"No face of “{obj.name}” shows “{material.name}”.",
-                "Assign the material to some faces, or select another object.",
-            )
-        if overlaps(obj, material, target.uv_map, coverage, tiles.rows * tiles.columns):
-            warnings.append(
-                f"Faces of “{obj.name}” overlap in the UV map “{target.uv_map}” and will share one "
-                "texture."
-            )
-        others = [
-            each.name
-            for each in bpy.data.objects
-            if each != obj and any(slot.material == material for slot in each.material_slots)
-        ]
-        if others:
-            warnings.append(
-                f"“{material.name}” was baked for “{obj.name}”; {len(others)} more object(s) use "
-                "it and will show the same texture on their own UVs."
-            )
-    return warnings
+    return coverage
 
 
-def _warnings(
-    sockets: dict[str, bpy.types.NodeSocket],
-    space: Space,
+def _covered(
+    looks: Sequence[Evaluated],
+    users: Sequence[bpy.types.Object],
     material: bpy.types.Material,
-    frame: int,
-) -> list[str]:
-    """What is lost in reading, a sentence each."""
-    nodes = [pair for socket in sockets.values() for pair in upstream(socket, space.groups)]
-    found = []
-    view = {n.name for n, out in nodes if n.type in _VIEW_NODES or out in _VIEW_OUTPUTS}
-    if view:
-        found.append(
-            f"“{material.name}” depends on the direction of view ({', '.join(sorted(view))}), "
-            "which a texture cannot: it is baked as seen from straight above."
-        )
-    moving = {n.name for n, _ in nodes if is_animated(n)} | {
-        name for name, socket in sockets.items() if is_animated(resolve(socket, space.groups))
-    }
-    moving |= {
-        n.name
-        for n, _ in nodes
-        if n.type == "TEX_IMAGE" and n.image and n.image.source in ("SEQUENCE", "MOVIE")
-    }
-    if moving:
-        found.append(
-            f"“{material.name}” is animated ({', '.join(sorted(moving))}): it ages from what it "
-            f"is at frame {frame}."
-        )
-    return found
+    space: Space,
+) -> Array | None:
+    """Where the faces of all users lie in the images' own space; None where that is not known."""
+    uv_map = looked_up_by(space)
+    if uv_map is None or len(looks) < len(distinct(users)):
+        return None
+    cells = np.zeros((_COVERAGE, _COVERAGE), bool)
+    for look in looks:
+        name = uv_map or active_uv_map(look.mesh)
+        if name is None or name not in look.mesh.uv_layers:
+            return None
+        if not cells.all():
+            _, uv = triangles(look.mesh, slots_with(look.mesh, material), name)
+            cells |= covered(uv, _COVERAGE)
+    return cells.astype(np.float32) if cells.any() else None
 
 
 def _check_images(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node]) -> None:

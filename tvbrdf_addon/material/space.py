@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import bpy
+import mathutils
 
 from .trace import POINTWISE, SOCKETS, input_socket, resolve, signature, upstream
 
@@ -19,9 +20,8 @@ __all__ = (
     "image_sizes",
     "is_constant",
     "is_direct",
+    "looked_up_by",
 )
-
-_LINEAR = ("Non-Color", "Raw", "Linear", "Linear Rec.709")
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,21 @@ def choose_space(
     return Space("texture", nodes, groups)
 
 
+def looked_up_by(space: Space) -> str | None:
+    """The UV map that images are looked up by (empty: each object's own); None if not by it alone.
+
+    What is baked is looked up by the object's own.
+    """
+    if space.kind == "uv":
+        return ""
+    if space.images[0].projection != "FLAT":
+        return None
+    match signature(space.images[0].inputs["Vector"], space.groups):
+        case ("uv", str(name)):
+            return name
+    return None
+
+
 def image_sizes(image: bpy.types.Image) -> set[tuple[int, int]]:
     """The sizes (height, width) of an image's tiles, of which most have one; without those that
     cannot be loaded.
@@ -141,7 +156,15 @@ def is_direct(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = (
     image = source.node.image
     if image is None or image.source not in ("FILE", "GENERATED"):
         return False
-    return image.is_float or image.colorspace_settings.name in ("sRGB", *_LINEAR)
+    settings = image.colorspace_settings
+    return image.is_float or settings.is_data or (settings.name == "sRGB" and _is_rec709())
+
+
+def _is_rec709() -> bool:
+    """Whether the scene's colors are linear Rec.709, as in Blender's own OCIO configuration."""
+    red, green = (mathutils.Color(each) for each in ((1, 0, 0), (0, 1, 0)))
+    shares = (each.from_scene_linear_to_xyz_d65()[1] for each in (red, green))
+    return all(abs(a - b) < 1e-3 for a, b in zip(shares, (0.2126, 0.7152), strict=True))
 
 
 def _images_behind(

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MaterialError
-from .space import Space
-from .trace import SOCKETS, input_socket, signature, upstream
-from .unwrap import active_uv_map, plain_mesh, triangles
+from .evaluated import distinct, evaluated
+from .space import Space, looked_up_by
+from .trace import SOCKETS, input_socket, upstream
+from .unwrap import active_uv_map, slots_with, triangles
 
 __all__ = ("Tile", "Tiles", "tiles_of")
 
@@ -62,13 +63,16 @@ class Tiles:
         """The numbers of those that a tiled image lacks."""
         return [_name(tile) for tile in self.used if tile not in _tiles_in(image)]
 
-    def put_together(self, parts: Mapping[Tile, Array]) -> Array:
+    def put_together(self, parts: Mapping[Tile, Array], *, beside: float | None = None) -> Array:
         """The image whose tiles, all of one size [H, W] or [H, W, C], are `parts`.
 
-        What is between the used ones shows the first of them again, which adds nothing new.
+        What is between the used ones is `beside`, or shows the first of them again, which adds
+        nothing new.
         """
         left, bottom = self.corner
         first = parts[self.used[0]]
+        if beside is not None:
+            first = np.full_like(first, beside)
         rows = [
             np.concatenate(
                 [parts.get((left + u, bottom + v), first) for u in range(self.columns)], 1
@@ -83,19 +87,20 @@ def tiles_of(
     space: Space,
     material: bpy.types.Material,
     objects: Sequence[bpy.types.Object],
+    frame: int,
 ) -> Tiles:
     """The tiles that `objects` need of the images behind the sockets of `principled`.
 
-    These are those on which faces with `material` lie that are rendered, or all where the images
-    are not looked up by UV alone; the usual square where no image has tiles.  Raises
+    These are those on which faces with `material` lie that are rendered at `frame`, or all where
+    the images are not looked up by UV alone; the usual square where no image has tiles.  Raises
     `MaterialError` where the images have none of the tiles that are needed.
     """
     images = _tiled_images(principled, space.groups)
     if not images:
         return Tiles()
     there = set.intersection(*map(_tiles_in, images))
-    uv_map = _uv_map(space)
-    needed = set() if uv_map is None else _touched(objects, material, uv_map)
+    uv_map = looked_up_by(space)
+    needed = set() if uv_map is None else _touched(objects, material, uv_map, frame)
     used = needed & there if needed else there
     if not used:
         raise MaterialError(
@@ -126,34 +131,19 @@ def _name(tile: Tile) -> str:
     return str(_FIRST + u + _COLUMNS * v) if 0 <= u < _COLUMNS and v >= 0 else f"u {u}, v {v}"
 
 
-def _uv_map(space: Space) -> str | None:
-    """The UV map that images are looked up by (empty: each object's own); None if not by it alone.
-
-    What is baked is looked up by the object's own.
-    """
-    if space.kind == "uv":
-        return ""
-    if space.images[0].projection != "FLAT":
-        return None
-    match signature(space.images[0].inputs["Vector"], space.groups):
-        case ("uv", str(name)):
-            return name
-    return None
-
-
 def _touched(
-    objects: Iterable[bpy.types.Object], material: bpy.types.Material, uv_map: str
+    objects: Iterable[bpy.types.Object], material: bpy.types.Material, uv_map: str, frame: int
 ) -> set[Tile]:
     """The tiles in which triangles have a corner or their centre."""
     found: set[Tile] = set()
-    for obj in objects:
+    for obj in distinct(objects):
         if obj.type != "MESH" or obj.hide_render:
             continue
-        with plain_mesh(obj) as mesh:
-            name = uv_map or active_uv_map(mesh)
-            if name is None or name not in mesh.uv_layers:
+        with evaluated(obj, frame) as look:
+            name = uv_map or active_uv_map(look.mesh)
+            if name is None or name not in look.mesh.uv_layers:
                 continue
-            _, uv = triangles(obj, mesh, material, name)
+            _, uv = triangles(look.mesh, slots_with(look.mesh, material), name)
         centre = uv.mean(1, keepdims=True)
         places = np.concatenate((centre + _INNER * (uv - centre), centre), 1).reshape(-1, 2)
         places = places[np.isfinite(places).all(1)]

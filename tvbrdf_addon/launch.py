@@ -1,0 +1,84 @@
+"""What it takes to start a worker: its command line.  Imports no bpy."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from .errors import WorkerError
+
+__all__ = ("ENVIRONMENT_VARIABLE", "Launch")
+
+ENVIRONMENT_VARIABLE = "TVBRDF_WORKER"
+
+# The worker's own Python code: no user site, no PYTHON* variables, our paths before all others.
+BOOTSTRAP = """\
+import runpy, sys
+sys.path[:0] = {paths!r}
+sys.argv[1:] = {arguments!r}
+runpy.run_module("model_runtime", run_name="__main__", alter_sys=True)
+"""
+
+
+@dataclass(frozen=True)
+class Launch:
+    """How a worker is started.
+
+    `interpreter` is a Python chosen by the user, or a script that speaks the protocol (`.py`);
+    empty means `TVBRDF_WORKER`, and without that Blender's own Python together with
+    `site_packages`, where Blender has unpacked the extension's wheels.
+    """
+
+    runtime: Path
+    site_packages: tuple[Path, ...] = ()
+    interpreter: str = ""
+    idle_minutes: float = 10.0
+
+    def command(self) -> list[str]:
+        """The command line of the worker.
+
+        Raises:
+            WorkerError: the chosen interpreter is not there, or not given by its whole path.
+        """
+        arguments = ["serve", "--idle-minutes", f"{self.idle_minutes:g}"]
+        path = self._chosen()
+        if path is None:
+            paths = [str(self.runtime), *map(str, self.site_packages)]
+            bootstrap = BOOTSTRAP.format(paths=paths, arguments=arguments)
+            return [sys.executable, "-I", "-c", bootstrap]
+        if path.suffix == ".py":
+            return [sys.executable, str(path), *arguments]
+        # A Python of the user's choice brings its own torch, which ours must not hide.
+        bootstrap = BOOTSTRAP.format(paths=[str(self.runtime)], arguments=arguments)
+        return [str(path), "-c", bootstrap]
+
+    def _chosen(self) -> Path | None:
+        """The interpreter or script of the user's choice; None where there is no choice."""
+        if self.interpreter:
+            chosen, whose = self.interpreter, "Worker Python in the extension's preferences"
+        elif ENVIRONMENT_VARIABLE in os.environ:
+            chosen, whose = os.environ[ENVIRONMENT_VARIABLE], f"the variable {ENVIRONMENT_VARIABLE}"
+        else:
+            return None
+        if not chosen:
+            return None
+        path = Path(chosen)
+        with contextlib.suppress(RuntimeError):  # the ~ of a user who is not known here
+            path = path.expanduser()
+        # Blender's // means beside the .blend, whoever made it and put what beside it.
+        if chosen.startswith("//") or not path.is_absolute():
+            raise WorkerError(
+                f"{chosen} is not the whole path of a worker.",
+                f"Give the whole path in {whose}, so that no file beside a .blend is run; in "
+                f"the file browser, switch Relative Path off.",
+            )
+        try:
+            exists = path.is_file()
+        except OSError:  # a name too long, a folder that may not be searched
+            exists = False
+        if not exists:
+            raise WorkerError(f"There is no worker at {path}.", f"Choose another {whose}.")
+        return path
