@@ -13,6 +13,8 @@ from . import properties, session
 from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
 from .log import said_of
+from .material.age import age_path
+from .material.live.bind import is_live
 from .material.onset import is_invertible
 from .material.revert import is_aged
 from .operators import material_of
@@ -139,11 +141,15 @@ def _draw_action(
     else:
         _draw_forecast(layout, context, material)
     if aged:
+        if (path := age_path(material)) is not None:
+            layout.prop(material, path, text="Age", slider=True)
         row = layout.row(align=True)
         row.operator("tvbrdf.revert", icon="LOOP_BACK")
         row.operator(
             "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
         )
+        if is_live(material):
+            layout.operator("tvbrdf.bake_frames", icon="RENDER_ANIMATION")
 
 
 def _draw_forecast(

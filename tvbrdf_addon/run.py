@@ -54,8 +54,9 @@ class Plan:
     request: dict[str, Any]
 
 
-def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
-    """What ageing `material` with its settings will do; looks, and changes nothing.
+def plan(material: bpy.types.Material, scene: bpy.types.Scene, binding: str | None = None) -> Plan:
+    """What ageing `material` with its settings will do, bound as they say unless `binding` says
+    otherwise; looks, and changes nothing.
 
     Raises:
         MaterialError, SettingsError: why it cannot be done.
@@ -87,7 +88,7 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene) -> Plan:
             "specular": settings.specular,
             "format": "principled" if settings.format == "as-authored" else "principled-exact",
             "seed": settings.seed,
-            "binding": settings.binding,
+            "binding": binding or settings.binding,
             "sparse": settings.quality != "exact",
         },
     )

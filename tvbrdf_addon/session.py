@@ -59,10 +59,17 @@ def outcome() -> Outcome | None:
     return _outcome
 
 
-def begin(material: bpy.types.Material, scene: bpy.types.Scene, *, preview: bool = False) -> Run:
+def begin(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    *,
+    preview: bool = False,
+    binding: str | None = None,
+) -> Run:
     """A run that ages `material`, to be stepped until it ends and then given to `finish`.
 
-    With `preview` it first shows a small draft, for somebody who watches.
+    With `preview` it first shows a small draft, for somebody who watches; `binding`, where it is
+    not None, takes the place of the material's setting.
 
     Raises:
         SettingsError: another run goes on.
@@ -73,7 +80,7 @@ def begin(material: bpy.types.Material, scene: bpy.types.Scene, *, preview: bool
         raise SettingsError(
             f"{_current.plan.material_name} is being aged.", "Wait for it to end, or cancel it."
         )
-    _current = Run(plan(material, scene), _warm_worker(), preview=preview)
+    _current = Run(plan(material, scene, binding), _warm_worker(), preview=preview)
     return _current
 
 
@@ -91,13 +98,14 @@ def age_and_wait(
     scene: bpy.types.Scene,
     *,
     cancelled: Callable[[], bool] = lambda: False,
+    binding: str | None = None,
 ) -> Run:
     """Age `material` here and now, printing progress; the run, at its end.
 
     Raises:
         TvbrdfError: as `Run.step`.
     """
-    run = begin(material, scene)
+    run = begin(material, scene, binding=binding)
     sentences: tuple[str, ...] = ()
     said = ""
     try:

@@ -55,7 +55,9 @@ def steel() -> bpy.types.Material:
 
 
 def image_folders(material: bpy.types.Material) -> set[str]:
-    images = [node.image for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
+    groups = [node.node_tree for node in material.node_tree.nodes if node.type == "GROUP"]
+    nodes = [node for tree in (material.node_tree, *groups) for node in tree.nodes]
+    images = [node.image for node in nodes if node.type == "TEX_IMAGE"]
     return {Path(bpy.path.abspath(image.filepath)).parent.name for image in images if image}
 
 

@@ -15,7 +15,7 @@ from .animation import (
     remove_keys,
 )
 
-__all__ = ("NAME", "age_at", "give_age", "take_age")
+__all__ = ("NAME", "age_at", "age_path", "give_age", "hold_age", "take_age")
 
 NAME = "Age"
 
@@ -52,6 +52,26 @@ def age_at(material: bpy.types.Material, name: str, frame: float) -> float:
     curve = next((each for each in channels(material) if each.data_path == path), None)
     age = curve.evaluate(frame) if curve is not None else float(material[name])
     return min(max(age, 0.0), 1.0)
+
+
+def hold_age(material: bpy.types.Material, name: str, frame: float) -> None:
+    """Leaves the age as it is on a frame, without keys; one that was deleted stays so."""
+    if name not in material:
+        return
+    own_action(material, mark=True)
+    material[name] = age_at(material, name, frame)
+    remove_keys(material, property_path(name))
+
+
+def age_path(material: bpy.types.Material) -> str | None:
+    """The data path of the property that ages the material; None where none does.  Cheap."""
+    data = material.node_tree.animation_data if material.node_tree else None
+    for curve in data.drivers if data else ():
+        variable = curve.driver.variables.get("age")
+        target = variable.targets[0] if variable is not None else None
+        if target is not None and target.id == material and target.data_path.startswith("["):
+            return target.data_path
+    return None
 
 
 def _names() -> Iterator[str]:

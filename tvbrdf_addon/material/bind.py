@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -13,10 +14,10 @@ from .check import why_no_surface
 from .edit import Edit
 from .live.bind import Aged, aged_by_shader
 from .read import Reading
-from .result import AgedMaps, LiveMaps, read_result
+from .result import AgedMaps, LiveFiles, read_result
 from .revert import revert
 
-__all__ = ("bind",)
+__all__ = ("bind", "bind_stills")
 
 _AUTHORED = {
     "base_color": "Base Color",
@@ -51,15 +52,38 @@ def bind(
             "Choose a last frame after the first.",
         )
     result = read_result(folder)
+    live = isinstance(result, LiveFiles)
+    return _show(
+        material,
+        reading,
+        partial(aged_by_shader if live else _frames, maps=result),
+        format=result.format,
+        span=(frame_start, frame_end),
+        times=() if live else result.times,
+    )
+
+
+def bind_stills(material: bpy.types.Material, reading: Reading, stills: AgedMaps) -> None:
+    """Shows maps that have one file each, all of them and for good; Revert as after `bind`."""
+    _show(material, reading, partial(_maps, maps=stills), format=stills.format)
+
+
+def _show(
+    material: bpy.types.Material,
+    reading: Reading,
+    aged: Callable[[Edit], Aged],
+    *,
+    format: str,
+    span: tuple[int, int] = (0, 1),
+    times: Sequence[float] = (),
+) -> tuple[str, ...]:
     revert(material)
     reason = why_no_surface(material)
     if reason:
         raise MaterialError(reason)
-    live = isinstance(result, LiveMaps)
-    edit = Edit(material, reading, (frame_start, frame_end), () if live else result.times)
+    edit = Edit(material, reading, span, times)
     try:
-        aged = aged_by_shader(edit, result) if live else _frames(edit, result)
-        warnings = _FORMATS[result.format](edit, aged)
+        warnings = _FORMATS[format](edit, aged(edit))
     except Exception:
         edit.finish()
         revert(material)
@@ -68,14 +92,17 @@ def bind(
     return tuple(warnings)
 
 
-def _frames(edit: Edit, result: AgedMaps) -> Aged:
-    """The maps over time.  As authored, what never changes keeps what fed it."""
-    kept = result.format == "principled"
+def _maps(edit: Edit, maps: AgedMaps) -> Aged:
     return {
         each.name: partial(edit.show, each, transform=math.sqrt if each.name == "alpha" else None)
-        for each in result.maps
-        if each.changes or not kept
+        for each in maps.maps
     }
+
+
+def _frames(edit: Edit, maps: AgedMaps) -> Aged:
+    """The maps over time.  As authored, what never changes keeps what fed it."""
+    kept = {each.name for each in maps.maps if not each.changes and maps.format == "principled"}
+    return {name: show for name, show in _maps(edit, maps).items() if name not in kept}
 
 
 def _bind_authored(edit: Edit, aged: Aged) -> list[str]:

@@ -16,7 +16,7 @@ from .animation import AnimationBefore, drive_by_age, key, own_action
 from .groups import feed, own_groups, shown_outside
 from .layout import Layout
 from .ownership import TAG
-from .pixels import read_exr_texel
+from .pixels import read_exr_texel, set_as_data
 from .read import Reading
 from .record import Link, Record, SocketBefore, store
 from .result import AgedMap
@@ -247,7 +247,7 @@ class Edit:
         image = bpy.data.images.load(str(path), check_existing=False)
         image.name = f"{self.material.name} {path.stem.rpartition('_')[0]}"
         image[TAG] = 1
-        image.colorspace_settings.name = "Non-Color"
+        set_as_data(image)
         image.alpha_mode = "NONE"
         image.filepath = _path(path)
         return image

@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 
 from ..errors import MaterialError
+from .age import hold_age
 from .animation import channels, own_action, remove_keys
 from .ownership import TAG, user_count
 from .record import is_aged, keyed_sockets, load, require_local, tagged
@@ -22,8 +23,9 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     """Leaves `material` as it looks on `frame`; Revert still restores the original.
 
     Age keeps its value of that frame, without keys, and moves nothing any more; where it was
-    deleted, what is shown now stays.  Raises `MaterialError`, with the material as it is, where it
-    is not aged, another file has it, its record is lost, or a texture is missing.
+    deleted, what is shown now stays.  Of what the shader ages, `live.freeze` makes stills instead.
+    Raises `MaterialError`, with the material as it is, where it is not aged, another file has it,
+    its record is lost, or a texture is missing.
     """
     if not is_aged(material):
         raise MaterialError(f"“{material.name}” is not aged.", "Age it first.")
@@ -39,6 +41,8 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     fades = [input_socket(node, "Factor_Float") for node in tagged(tree) if node.type == "MIX"]
     factors = {fade: _driven(fade, "default_value", frame, last) for fade in fades}
     own_action(tree, mark=True)
+    if record.age is not None:
+        hold_age(material, record.age, frame)
     for socket in keyed_sockets(tree, record):
         _hold(socket, frame)
     for node, offset in offsets.items():

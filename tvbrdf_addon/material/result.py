@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import MaterialError
 
-__all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveMaps", "read_result")
+__all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveFiles", "read_result")
 
 MAPS = {
     "principled": ("base_color", "metallic", "specular", "roughness"),
@@ -46,20 +46,21 @@ class AgedMaps:
 
 
 @dataclass(frozen=True)
-class LiveMaps:
-    """A result that a shader evaluates at any age: its files.
+class LiveFiles:
+    """A result that a shader evaluates at any age: its files, of `size` (height, width).
 
     `timing` holds onset, rate and start of each texel (None: all age alike), `coefficients` three
     in each texture, `curves` what they are multiplied by.
     """
 
     format: str
+    size: tuple[int, int]
     timing: Path | None
     coefficients: tuple[Path, ...]
     curves: Path
 
 
-def read_result(folder: Path) -> AgedMaps | LiveMaps:
+def read_result(folder: Path) -> AgedMaps | LiveFiles:
     """Reads `folder/aged.json` and looks at every file that it names.
 
     Raises `MaterialError` where a file is missing, or the format is unknown.
@@ -83,13 +84,13 @@ def read_result(folder: Path) -> AgedMaps | LiveMaps:
             "Update the extension, or age the material again.",
         )
     if data.get("binding") == "live":
-        return _live(folder, kind, files)
+        return _live(folder, kind, (height, width), files)
     uniform = (height, width) == (1, 1)
     maps = tuple(_map(folder, name, files.get(name), len(times), uniform) for name in MAPS[kind])
     return AgedMaps(kind, times, maps)
 
 
-def _live(folder: Path, kind: str, files: object) -> LiveMaps:
+def _live(folder: Path, kind: str, size: tuple[int, int], files: object) -> LiveFiles:
     match files:
         case {"curves": str(curves), "coefficients": [*coefficients]}:
             timing = files.get("timing")
@@ -99,7 +100,7 @@ def _live(folder: Path, kind: str, files: object) -> LiveMaps:
                 "Age the material again.",
             )
     paths = [_there(folder / each) for each in (curves, *coefficients)]
-    return LiveMaps(kind, timing and _there(folder / timing), tuple(paths[1:]), paths[0])
+    return LiveFiles(kind, size, timing and _there(folder / timing), tuple(paths[1:]), paths[0])
 
 
 def _there(path: Path) -> Path:

@@ -14,18 +14,20 @@ import bpy
 from ....model_runtime.live.evaluate import Curves
 from ...errors import MaterialError
 from ..edit import Edit
+from ..ownership import GROUP
 from ..pixels import read_exr
-from ..result import MAPS, LiveMaps
+from ..record import tagged
+from ..result import MAPS, LiveFiles
 from .group import AUTHORED, OUTPUTS, aged_group
 
-__all__ = ("Aged", "aged_by_shader")
+__all__ = ("Aged", "aged_by_shader", "is_live", "read_curves")
 
 Aged: TypeAlias = Mapping[str, Callable[[bpy.types.NodeSocket], None]]
 """What lets a socket show a map as it ages, by the map's name."""
 
 
-def aged_by_shader(edit: Edit, maps: LiveMaps) -> Aged:
-    """Adds the group, fed with what feeds the Principled BSDF."""
+def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
+    """Adds the group of a material, fed with what feeds the Principled BSDF."""
     vector = edit.lookup()
     name = f"Aged {edit.material.name}"
     node = edit.layout.add("ShaderNodeGroup", name, column=0, row=0)
@@ -33,7 +35,7 @@ def aged_by_shader(edit: Edit, maps: LiveMaps) -> Aged:
     node.node_tree = aged_group(
         name,
         maps,
-        _read_curves(maps.curves),
+        read_curves(maps.curves),
         age=edit.age,
         vector=vector is not None,
         load=edit.show_file,
@@ -48,13 +50,19 @@ def aged_by_shader(edit: Edit, maps: LiveMaps) -> Aged:
     return {each: partial(edit.connect, node.outputs[output]) for each, output in sources}
 
 
+def is_live(material: bpy.types.Material) -> bool:
+    """Whether the shader ages the material.  Cheap: panels call it."""
+    groups = (node.node_tree for node in tagged(material.node_tree) if node.type == "GROUP")
+    return any(group is not None and GROUP in group for group in groups)
+
+
 _NAMES = {
     **MAPS,
     "principled": ("base_color", "metallic", "roughness", "specular"),
 }
 
 
-def _read_curves(path: Path) -> Curves:
+def read_curves(path: Path) -> Curves:
     rows = read_exr(path)
     if rows.shape[0] < 6 or rows.shape[0] % 3 or rows.shape[1] < 2:
         raise MaterialError(f"{path} holds no curves.", "Age the material again.")

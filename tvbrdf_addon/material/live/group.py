@@ -9,7 +9,7 @@ from typing import NamedTuple
 import bpy
 
 from ....model_runtime.live.evaluate import COEFFICIENTS_A_FILE, ROUGHNESS_MIN, Curves
-from ..result import LiveMaps
+from ..result import LiveFiles
 from .arrange import arrange
 from .formula import Canvas, Number, Triple, greater, where, where3
 from .mapping import exact_group, forward_group, new_group, read_back_group
@@ -43,7 +43,7 @@ class _State(NamedTuple):
 
 def aged_group(
     name: str,
-    maps: LiveMaps,
+    maps: LiveFiles,
     curves: Curves,
     *,
     age: str,
