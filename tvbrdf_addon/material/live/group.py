@@ -187,15 +187,20 @@ def _give_authored(
         )
 
 
-def _give_exact(canvas: Canvas, state: _State, _local: Number) -> tuple[Triple, Triple, Number]:
+def _give_exact(canvas: Canvas, state: _State, local: Number) -> tuple[Triple, Triple, Number]:
     with canvas.stage("Read back, exact"):
         node = canvas.add("ShaderNodeGroup", state.kd, state.ks, node_tree=exact_group())
         base, tint = (Triple(canvas, each) for each in node.outputs)
-        return base, tint, state.roughness
+        return base, tint, _roughness(canvas, state, local)
 
 
-def _give_torrance_sparrow(_canvas: Canvas, state: _State, _local: Number) -> _State:
-    return state
+def _give_torrance_sparrow(canvas: Canvas, state: _State, local: Number) -> _State:
+    with canvas.stage("As authored until something ages"):
+        return state._replace(roughness=_roughness(canvas, state, local))
+
+
+def _roughness(canvas: Canvas, state: _State, local: Number) -> Number:
+    return where(greater(local, 0.0), state.roughness, canvas.number("Roughness").clamp())
 
 
 _GIVE = {
