@@ -9,6 +9,7 @@ import bpy
 from ..model_runtime import package
 from . import preferences
 from .material.ownership import TAG
+from .material.retime import retime
 from .models import OWN_FILE, enum_number, models_in
 
 __all__ = (
@@ -99,7 +100,11 @@ def _model_items(
 
 
 def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
-    self.use_scene_range = False
+    self.use_scene_range = False  # which moves the keys
+
+
+def _move_keys(self: TVBRDF_PG_material, context: bpy.types.Context) -> None:
+    retime(self.id_data, *frame_range(self.id_data, context.scene))
 
 
 def _leave_camera_size(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
@@ -135,6 +140,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Scene Range",
         description="Age over the scene's frame range",
         default=True,
+        update=_move_keys,
     )
     frame_start: bpy.props.IntProperty(
         name="First Frame",
@@ -258,6 +264,11 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     )
     original: bpy.props.StringProperty(
         description="What Revert restores, as JSON; empty while the material is not aged",
+        options={"HIDDEN"},
+    )
+    keyed: bpy.props.IntVectorProperty(
+        description="The first and last frame that ageing was keyed on",
+        size=2,
         options={"HIDDEN"},
     )
     is_preview: bpy.props.BoolProperty(

@@ -89,6 +89,7 @@ def _show(
         revert(material)
         raise
     edit.finish()
+    material.tvbrdf.keyed = span
     return tuple(warnings)
 
 
