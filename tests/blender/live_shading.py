@@ -57,21 +57,38 @@ def build(extension: str, case: Path) -> bpy.types.Material:
 def render_ages(
     material: bpy.types.Material, ages: Sequence[float], engine: str, folder: Path
 ) -> Iterator[Path]:
-    """Renders each output of the material's group at each age to `OUTPUT_K.exr`."""
-    tree = material.node_tree
-    group = next(node for node in tree.nodes if node.type == "GROUP")
+    """Renders the outputs of the material's group, side by side, at each age to `age_K.exr`."""
+    plane = next(obj for obj in bpy.context.scene.objects if obj.type == "MESH")
+    outputs = len(_group(material).outputs)
+    for number in range(outputs):
+        tile = plane.copy()
+        tile.data = plane.data.copy()
+        tile.data.materials[0] = _emitting(material, number)
+        tile.location.x = 2 * number - (outputs - 1)
+        bpy.context.scene.collection.objects.link(tile)
+    bpy.data.objects.remove(plane)
+    scene = _scene(engine, material, outputs)
+    for k, age in enumerate(ages):
+        subframe, frame = math.modf(age * FRAMES)
+        scene.frame_set(int(frame), subframe=subframe)
+        path = folder / f"age_{k}.exr"
+        scene.render.filepath = str(path)
+        bpy.ops.render.render(write_still=True)
+        yield path
+
+
+def _group(material: bpy.types.Material) -> bpy.types.Node:
+    return next(node for node in material.node_tree.nodes if node.type == "GROUP")
+
+
+def _emitting(material: bpy.types.Material, number: int) -> bpy.types.Material:
+    """A copy that shows an output of the group as light."""
+    copy = material.copy()
+    tree = copy.node_tree
     emission = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(_group(copy).outputs[number], emission.inputs["Color"])
     tree.links.new(emission.outputs[0], tree.get_output_node("ALL").inputs["Surface"])
-    scene = _scene(engine, group)
-    for output in group.outputs:
-        tree.links.new(output, emission.inputs["Color"])
-        for k, age in enumerate(ages):
-            subframe, frame = math.modf(age * FRAMES)
-            scene.frame_set(int(frame), subframe=subframe)
-            path = folder / f"{output.name.replace(' ', '_')}_{k}.exr"
-            scene.render.filepath = str(path)
-            bpy.ops.render.render(write_still=True)
-            yield path
+    return copy
 
 
 def _texture(nodes: bpy.types.Nodes, path: Path) -> bpy.types.Node:
@@ -98,7 +115,7 @@ def _add_plane(material: bpy.types.Material) -> None:
     bpy.context.scene.camera = camera
 
 
-def _scene(engine: str, group: bpy.types.Node) -> bpy.types.Scene:
+def _scene(engine: str, material: bpy.types.Material, tiles: int) -> bpy.types.Scene:
     scene = bpy.context.scene
     scene.render.engine = engine
     if engine == "CYCLES":
@@ -107,8 +124,10 @@ def _scene(engine: str, group: bpy.types.Node) -> bpy.types.Scene:
     else:
         scene.eevee.taa_render_samples = 1
         scene.render.filter_size = 0.0
-    images = (node.image for node in group.id_data.nodes if node.type == "TEX_IMAGE")
-    scene.render.resolution_x, scene.render.resolution_y = next(images).size
+    images = (node.image for node in material.node_tree.nodes if node.type == "TEX_IMAGE")
+    width, height = next(images).size
+    scene.render.resolution_x, scene.render.resolution_y = tiles * width, height
+    scene.camera.data.ortho_scale = 2 * tiles
     scene.render.resolution_percentage = 100
     scene.view_settings.view_transform = "Raw"
     scene.render.image_settings.file_format = "OPEN_EXR"

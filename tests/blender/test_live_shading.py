@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -25,6 +24,11 @@ from tests.blender.test_windowed import BLENDER, HERE, ROOT, TOOL, unpack_numpy
 SIZE = 32
 AGES = (0.0, *np.random.default_rng(5).random(19).round(5).tolist())
 DB = 60.0
+OUTPUTS = {
+    "principled": ("Base Color", "Metallic", "Roughness", "Specular IOR Level"),
+    "principled-exact": ("Base Color", "Specular Tint", "Roughness"),
+    "torrance-sparrow": ("Diffuse", "Specular", "Roughness"),
+}
 CASES = {
     "authored": ("principled", 5, True),
     "affine_alone": ("principled", 0, True),
@@ -32,6 +36,8 @@ CASES = {
     "exact": ("principled-exact", 3, True),
     "torrance_sparrow": ("torrance-sparrow", 3, True),
 }
+
+IN_WINDOW = ("authored", "exact", "torrance_sparrow")
 
 
 def make_case(folder: Path, name: str) -> PrincipledMaps:
@@ -71,25 +77,23 @@ def compare(folder: Path, authored: PrincipledMaps, kind: str) -> dict[str, floa
     for k, age in enumerate(AGES):
         truth = wanted(folder, authored, age)
 
-        def shown(name: str, k: int = k) -> np.ndarray:
-            return pixels(folder / f"{name}_{k}.exr")
-
-        def number(name: str, shown: Callable[[str], np.ndarray] = shown) -> np.ndarray:
-            return np.ascontiguousarray(shown(name)[..., 0])
-
-        now = {"roughness": (number("Roughness"), np.sqrt(truth.alpha))}
+        picture = pixels(folder / f"age_{k}.exr")
+        tiles = [np.ascontiguousarray(each) for each in np.split(picture, len(OUTPUTS[kind]), 1)]
+        shown = dict(zip(OUTPUTS[kind], tiles, strict=True))
+        numbers = {name: np.ascontiguousarray(tile[..., 0]) for name, tile in shown.items()}
+        now = {"roughness": (numbers["Roughness"], np.sqrt(truth.alpha))}
         if kind == "torrance-sparrow":
-            now |= {"kd": (shown("Diffuse"), truth.kd), "ks": (shown("Specular"), truth.ks)}
+            now |= {"kd": (shown["Diffuse"], truth.kd), "ks": (shown["Specular"], truth.ks)}
         elif kind == "principled-exact":
             base, tint, _ = principled.exact(truth)
-            now |= {"base": (shown("Base_Color"), base), "tint": (shown("Specular_Tint"), tint)}
+            now |= {"base": (shown["Base Color"], base), "tint": (shown["Specular Tint"], tint)}
         else:
             back = principled.read_back(truth, authored)
             sockets = PrincipledMaps(
-                shown("Base_Color"),
-                number("Metallic"),
-                number("Specular_IOR_Level"),
-                number("Roughness"),
+                shown["Base Color"],
+                numbers["Metallic"],
+                numbers["Specular IOR Level"],
+                numbers["Roughness"],
                 authored.ior,
                 authored.specular_tint,
             )
@@ -115,7 +119,7 @@ def test_cycles_shows_what_the_runtime_says(
 ):
     authored = make_case(tmp_path, name)
     material = build("tvbrdf", tmp_path)
-    assert len(list(render_ages(material, AGES, "CYCLES", tmp_path))) >= 3 * len(AGES)
+    assert len(list(render_ages(material, AGES, "CYCLES", tmp_path))) == len(AGES)
     found = compare(tmp_path, authored, CASES[name][0])
     print(name, found)
     assert min(found.values()) >= DB, found
@@ -128,7 +132,7 @@ def test_cycles_shows_what_the_runtime_says(
 )
 def test_so_does_eevee(tmp_path: Path):
     authored = {}
-    for name in CASES:
+    for name in IN_WINDOW:
         (tmp_path / "cases" / name).mkdir(parents=True)
         authored[name] = make_case(tmp_path / "cases" / name, name)
     (tmp_path / "ages.json").write_text(json.dumps(AGES), encoding="utf-8")
@@ -147,7 +151,7 @@ def test_so_does_eevee(tmp_path: Path):
         check=False,
     )
     assert run.returncode == 0, run.stdout[-5000:]
-    for name, (kind, _, _) in CASES.items():
-        found = compare(tmp_path / "cases" / name, authored[name], kind)
+    for name in IN_WINDOW:
+        found = compare(tmp_path / "cases" / name, authored[name], CASES[name][0])
         print(name, found)
         assert min(found.values()) >= DB, (name, found)
