@@ -13,6 +13,7 @@ import pytest
 
 from tvbrdf.tvbrdf_addon import session
 from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
+from tvbrdf.tvbrdf_addon.material.live.bind import is_live
 from tvbrdf.tvbrdf_addon.material.revert import is_aged
 from tvbrdf.tvbrdf_addon.run import Run
 
@@ -103,9 +104,23 @@ def test_freeze(folder: Path):
     bpy.context.scene.frame_set(10)
     assert bpy.ops.tvbrdf.freeze() == {"FINISHED"}
     assert is_aged(steel())
+    assert not is_live(steel())
+    assert image_folders(steel()) == {"frame 10"}
     assert bpy.ops.tvbrdf.revert() == {"FINISHED"}
     with pytest.raises(RuntimeError, match="not aged"):
         bpy.ops.tvbrdf.freeze(material="Steel")
+
+
+def test_bake_frames(folder: Path):
+    age()
+    assert is_live(steel())
+    assert bpy.ops.tvbrdf.bake_frames() == {"FINISHED"}
+    assert not is_live(steel())
+    assert "SEQUENCE" in {image.source for image in bpy.data.images}
+    assert image_folders(steel()) == {"Steel.001"}
+    assert len(list((folder / "aged" / "Steel.001").glob("base_color_*.exr"))) == STEPS
+    assert age() == {"FINISHED"}
+    assert is_live(steel())
 
 
 def test_two_materials_do_not_share_a_folder(folder: Path):
