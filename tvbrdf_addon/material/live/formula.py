@@ -176,6 +176,7 @@ class Canvas:
         """Puts what is added meanwhile into a frame with that label."""
         self._frame = self._tree.nodes.new("NodeFrame")
         self._frame.name = self._frame.label = label
+        self._frame.label_size = 24
         self._entrance = None
         yield
         self._frame = None
