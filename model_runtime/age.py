@@ -8,6 +8,7 @@ import dataclasses
 import shlex
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -26,9 +27,8 @@ from .errors import Cancelled, InputError, memory_in_words, shown
 from .fit import USUAL
 from .histories import CPU, fit_measured
 from .images import read_image, resize
-from .inputs import Material, hash_file, hash_input, read_input
-from .live.evaluate import COEFFICIENTS_A_FILE
-from .live.files import write_live
+from .inputs import Material, hash_file, hash_input, input_files, read_input
+from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .live.low_rank import MOST_COEFFICIENTS
 from .maps import PrincipledMaps, TorranceSparrowMaps
@@ -41,16 +41,16 @@ from .result import StagedResult, check_space
 from .savings import savings
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
-from .writing import Format, Frames, maps_of, write_frames, write_stored_frames
+from .writing import Format, Frames, file_names, maps_of, write_frames, write_stored_frames
 
 __all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _UNIFORM_SIZE = 512
-_BYTES_A_FRAME = 12  # of half-float maps, a texel
-_BYTES_LIVE = 6 * (1 + MOST_COEFFICIENTS // COEFFICIENTS_A_FILE)  # likewise, at most
+_BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
+_BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (
-    f"No sum of {MOST_COEFFICIENTS} coefficients a texel is near enough to this change, so its "
+    f"No sum of {MOST_COEFFICIENTS} coefficients a texel comes near enough to this change, so its "
     "frames were written instead; a lower tolerance may allow it."
 )
 
@@ -118,9 +118,16 @@ def age(request: AgeRequest, reporter: Reporter, effort: Effort | None = None) -
     kind of TvbrdfError with a sentence for the user where anything is wrong; the output folder then
     holds what it held before.
     """
-    run = _Run(request, reporter)
-    with memory_in_words(_LESS_MEMORY), torch.inference_mode(), _one_thread():
-        return _age(run, effort or EFFORTS[request.quality])
+    run, effort = _Run(request, reporter), effort or EFFORTS[request.quality]
+    # Staged from the beginning: a folder that cannot be written to is found before the work is.
+    staging = StagedResult(request.output, compression=effort.compression)
+    with (
+        memory_in_words(_LESS_MEMORY),
+        torch.inference_mode(),
+        _one_thread(),
+        staging as staged,
+    ):
+        return _age(run, effort, staged)
 
 
 @contextmanager
@@ -134,26 +141,44 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _age(run: _Run, effort: Effort) -> dict[str, Any]:
+def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     request = run.request
     run.progress("reading", 0.0)
     with run.timed("read"):
         ntm_path = find_model(request.ntm)
-        representation, identity = load_representation()
-        estimator = load_estimator(identity)
-        ntm = NeuralTemporalModel.load(ntm_path, identity)
+        with _unchanged(ntm_path, ENCODER, ESTIMATOR):
+            representation, identity = load_representation()
+            estimator = load_estimator(identity)
+            ntm = NeuralTemporalModel.load(ntm_path, identity)
+            hashes: dict[str, Any] = {
+                "ntm": hash_file(ntm_path),
+                "encoder": hash_file(ENCODER),
+                "estimator": hash_file(ESTIMATOR),
+            }
         for doubt in ntm.warnings:
             run.warn(f"Of what {ntm.card.title} was learned from: {doubt}")
-        material = read_input(request.input, size=request.size)
+        with _unchanged(*input_files(request.input)):
+            material = read_input(request.input, size=request.size)
+            hashes["input"] = hash_input(request.input)
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
         onset, rate = timing_maps(request, ntm, size)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], 7)
+    wanted = request.format or (
+        "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
+    )
     live_wanted = request.binding != "frames" and size != (1, 1)
     texels = size[0] * size[1]
-    check_space(request.output, texels * _bytes_per_texel(request, live=live_wanted))
+
+    def check_room(*, live: bool) -> None:
+        names = live_names() if live else file_names(wanted, request.frames)
+        staged.require_free(names)
+        needed = len(names) * _BYTES_A_FILE if live else request.frames * _BYTES_A_FRAME
+        check_space(request.output, texels * needed, len(names))
+
+    check_room(live=live_wanted)
     rung = _rung(run, ntm, initial)
     model = partial(
         model_texels,
@@ -177,89 +202,72 @@ def _age(run: _Run, effort: Effort) -> dict[str, Any]:
         )
     palette, histories = aged.palette, aged.histories
 
-    def each_for_itself(initial: Tensor) -> AgedTexels:
-        own = replace(effort, step=0.0, checked=False, fit=effort.fit or USUAL)
-        return model(
-            initial, effort=own, onset=None if onset is None else torch.zeros(len(initial))
-        )
+    def each_for_itself(some: Tensor) -> AgedTexels:
+        fit = (effort.fit or USUAL) if effort.checked else effort.fit
+        own = replace(effort, step=0.0, checked=False, fit=fit)
+        return model(some, effort=own, onset=None if onset is None else torch.zeros(len(some)))
 
     live: Fitted | None = None
     if live_wanted:
         with run.timed("fit"):
             run.progress("finding what texels share", 0.4)
-            live = fit_live(aged, request.tolerance, each_for_itself if effort.checked else None)
-            if live is None:
-                if request.binding == "live":
-                    run.warn(_NOT_LIVE)
-                check_space(request.output, texels * _bytes_per_texel(request, live=False))
+            live = fit_live(aged, request.tolerance, each_for_itself)
+        if live is None:
+            if request.binding == "live":
+                run.warn(_NOT_LIVE)
+            check_room(live=False)
     times = np.linspace(0, 1, request.frames).tolist()
-    wanted = request.format or (
-        "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
-    )
-    with StagedResult(request.output, compression=effort.compression) as staged:
-        with run.timed("write"):
-            if live is not None:
-                run.progress("writing", 0.5)
-                format, files = write_live(live.sum, aged, size, wanted, staged)
-            else:
-                maps = maps_of(aged, material, size, wanted, times)
-                format, files = (
-                    maps.format,
-                    _write_frames(run, Frames(maps, times, effort.interval), staged),
-                )
-            if format != wanted:
-                run.warn(
-                    "Some texels reflect more than the exact Principled mapping can hold (Ks above "
-                    "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
-                )
-            staged.finish()
-        report = {
-            "format": format,
-            "binding": "frames" if live is None else "live",
-            "coefficients": 0 if live is None else len(live.sum.shapes),
-            "ntm": ntm.card.name,
-            "frames": request.frames,
-            "times": [round(time, 6) for time in times],
-            "size": list(size),
-            "quality": request.quality,
-            "temporal_model": rung,
-            "palette": len(palette.entries),
-            "plan": savings(
-                texels=len(initial),
-                modelled=len(palette.entries),
-                interval=effort.interval,
-                files=files,
-                coefficients=None if live is None else len(live.sum.shapes),
-                live_missed=live_wanted and live is None,
-            ),
-            "fit_error": round(max(fit_error, histories.fit_error), 6),
-            **({} if live is None else {"error_db": live.error_db}),
-            "warnings": run.warnings,
-            "seconds": run.seconds,
-            "peak_rss_mb": _peak_rss_mb(),
-            "files": files,
-            "version": __version__,
-            "command": command_line(request),
-            "seed": request.seed,
-            "onset": request.onset,
-            "tolerance": request.tolerance,
-            "hashes": {
-                "input": hash_input(request.input),
-                "ntm": hash_file(ntm_path),
-                "encoder": hash_file(ENCODER),
-                "estimator": hash_file(ESTIMATOR),
-            },
-        }
-        staged.commit(report)
+    with run.timed("write"):
+        run.progress("writing", 0.4)
+        if live is not None:
+            compression = "rle" if effort.compression == "none" else effort.compression
+            format, files = write_live(live.sum, aged, size, wanted, staged, compression)
+        else:
+            maps = maps_of(aged, material, size, wanted, times)
+            format, files = maps.format, _write(run, Frames(maps, times, effort.interval), staged)
+        if format != wanted:
+            run.warn(
+                "Some texels reflect more than the exact Principled mapping can hold (Ks above "
+                "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
+            )
+        staged.finish()
+    report = {
+        "format": format,
+        "binding": "frames" if live is None else "live",
+        "coefficients": 0 if live is None else live.coefficients,
+        "ntm": ntm.card.name,
+        "frames": request.frames,
+        "times": [round(time, 6) for time in times],
+        "size": list(size),
+        "quality": request.quality,
+        "temporal_model": rung,
+        "palette": len(palette.entries),
+        "plan": savings(
+            texels=len(initial),
+            modelled=len(palette.entries),
+            interval=effort.interval,
+            files=files,
+            coefficients=None if live is None else live.coefficients,
+            not_live=live_wanted and live is None,
+        ),
+        "fit_error": round(max(fit_error, histories.fit_error), 6),
+        **({} if live is None else {"error_db": live.error_db}),
+        "warnings": run.warnings,
+        "seconds": run.seconds,
+        "peak_rss_mb": _peak_rss_mb(),
+        "files": files,
+        "version": __version__,
+        "command": command_line(request),
+        "seed": request.seed,
+        "onset": request.onset,
+        "tolerance": request.tolerance,
+        "hashes": hashes,
+    }
+    staged.commit(report)
     return report
 
 
-def _bytes_per_texel(request: AgeRequest, *, live: bool) -> int:
-    """What the written files may take at most, compressed or not."""
-    return _BYTES_LIVE if live else request.frames * _BYTES_A_FRAME
-
-
-def _write_frames(run: _Run, frames: Frames, staged: StagedResult) -> dict[str, Any]:
+def _write(run: _Run, frames: Frames, staged: StagedResult) -> dict[str, Any]:
     """Write all frames, or those that are stored; returns `files` of `aged.json`."""
     request = run.request
 
@@ -271,6 +279,28 @@ def _write_frames(run: _Run, frames: Frames, staged: StagedResult) -> dict[str, 
             frames, staged, step, tolerance=request.tolerance, seed=request.seed
         )
     return write_frames(frames, staged, step)
+
+
+@contextmanager
+def _unchanged(*files: Path) -> Iterator[None]:
+    """Raise InputError where one of `files` is replaced or changed within the block.
+
+    What was read and what was hashed would be two things.
+    """
+    before = [_version(file) for file in files]
+    yield
+    for file, version in zip(files, before, strict=True):
+        if _version(file) != version:
+            raise InputError(f"{file} changed while it was read.", "Run it again.")
+
+
+def _version(file: Path) -> tuple[int, ...] | None:
+    """What differs between two versions of a file; None where there is none."""
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 def initial_states(
@@ -304,10 +334,9 @@ def timing_maps(
     if request.onset == "auto":
         side = request.size or _UNIFORM_SIZE
         shape = (side, side) if size == (1, 1) else size
-        return (
-            onset_map(process, shape, seed=seed, timing=timing),
-            rate_map(process, shape, seed=seed, timing=timing),
-        )
+        with ThreadPoolExecutor(1) as beside:
+            rate = beside.submit(rate_map, process, shape, seed=seed, timing=timing)
+            return onset_map(process, shape, seed=seed, timing=timing), rate.result()
     onset = read_image(Path(request.onset), color=False)
     if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):
         raise InputError(

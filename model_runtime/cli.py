@@ -1,38 +1,63 @@
 """The command line, `python -m model_runtime age | info | serve`: a thin shell over `age`.
 
-Exit codes: 0 done, 1 failed with a reason, 2 wrong usage.  Nothing here imports torch before a run
-is asked for.
+Exit codes: 0 done, 1 failed with a reason, 2 wrong usage, 128 and its number for a signal (Ctrl-C:
+130).  Nothing here imports torch before a run is asked for.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
-import traceback
 from collections.abc import Sequence
 
 from . import serve
-from .errors import TvbrdfError, UsageError
-from .request import CHOICES, cards, load_age, option, request_from
+from .console import Terminal, fill_closed_streams, flushed, log_of, say, write_out
+from .errors import Cancelled, OutputError, TvbrdfError, UsageError
+from .request import CHOICES, MOST_FRAMES, cards, load_age, option, request_from
+from .signals import EndedBySignal, EndingSignals
 
 __all__ = ("main",)
+
+_MOST_IDLE_MINUTES = 525_600.0  # a year
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit code."""
-    arguments = _parser().parse_args(argv)
+    ending = EndingSignals()
     try:
-        arguments.run(arguments)
+        ending.heed()
+        code = _run(argv, ending)
+    except (EndedBySignal, Cancelled):
+        say("model_runtime: Interrupted; nothing is left half-written.")
+        code = 128 + (ending.received or 0)
+    ending.ignore()  # what is left to do takes no time, and all is written
+    return flushed(code)
+
+
+def _run(argv: Sequence[str] | None, ending: EndingSignals) -> int:
+    stdout_is_closed = fill_closed_streams()
+    try:
+        arguments = _parser().parse_args(argv)
+        if stdout_is_closed and getattr(arguments, "json", False):
+            raise OutputError("Standard output is closed.", "--json needs one to print on.")
+        arguments.run(arguments, ending)
+    except SystemExit as end:  # of argparse, which has said why; or nobody listens any more
+        return int(end.code or 0)
+    except Cancelled:
+        raise
     except TvbrdfError as error:
-        print(f"model_runtime: {error}", file=sys.stderr)
+        say(f"model_runtime: {error}")
         return 2 if isinstance(error, UsageError) else 1
-    except KeyboardInterrupt:
-        print("model_runtime: Interrupted; the earlier result is untouched.", file=sys.stderr)
+    except MemoryError:
+        say(
+            "model_runtime: There is not enough memory for this run. "
+            "Choose a smaller size or fewer frames."
+        )
         return 1
     except Exception as error:
-        traceback.print_exc()
-        print(f"model_runtime: {type(error).__name__}: {error}", file=sys.stderr)
+        say(f"model_runtime: This should not happen ({type(error).__name__}). {log_of(error)}")
         return 1
     return 0
 
@@ -52,7 +77,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     age.add_argument("--ntm", required=True, metavar="NAME_OR_FILE", help="neural temporal model")
     age.add_argument("--output", required=True, metavar="DIR", help="folder for the aged maps")
-    age.add_argument("--frames", type=int, metavar="N", help="frames from t = 0 to 1 (36)")
+    age.add_argument(
+        "--frames", type=int, metavar="N", help=f"frames from t = 0 to 1, up to {MOST_FRAMES} (36)"
+    )
     age.add_argument("--size", type=int, metavar="PX", help="longer side (as the input)")
     age.add_argument("--tolerance", type=float, metavar="DB", help="what may be left out (45)")
     age.add_argument("--onset", metavar="auto|none|IMAGE", help="when each texel starts (auto)")
@@ -80,62 +107,39 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _age(arguments: argparse.Namespace) -> None:
+def _age(arguments: argparse.Namespace, ending: EndingSignals) -> None:
     fields = {k: v for k, v in vars(arguments).items() if k not in ("run", "json")}
     stdout = serve.claim_stdout()
     age = load_age()
-    reporter = _Terminal()
+    reporter = Terminal(ending)
     try:
         aged = age(request_from(fields), reporter)
     finally:
         reporter.close()
     if arguments.json:
-        print(json.dumps(aged, indent=2), file=stdout, flush=True)
+        write_out(json.dumps(aged, indent=2), stdout)
         return
     seconds = sum(aged["seconds"].values())
     height, width = aged["size"]
     done = f"{aged['frames']} frames of {width} x {height} in {seconds:.1f} s: {arguments.output}"
-    print(*aged["plan"], done, sep="\n", file=stdout, flush=True)
+    write_out("\n".join((*aged["plan"], done)), stdout)
 
 
-def _info(arguments: argparse.Namespace) -> None:
-    found = cards(arguments.ntm, skipped=lambda error: print(f"Skipped: {error}", file=sys.stderr))
+def _info(arguments: argparse.Namespace, _ending: EndingSignals) -> None:
+    found = cards(arguments.ntm, skipped=lambda error: say(f"Skipped: {error}"))
     if arguments.json:
-        print(json.dumps(found, indent=2))
+        write_out(json.dumps(found, indent=2), sys.stdout)
         return
-    for card in found:
-        print(f"{card['name']:12} {card['title']}: {card['description']}")
+    lines = (f"{card['name']:12} {card['title']}: {card['description']}" for card in found)
+    write_out("\n".join(lines), sys.stdout)
 
 
-def _serve(arguments: argparse.Namespace) -> None:
-    if not arguments.idle_minutes > 0:
-        raise UsageError("--idle-minutes must be a positive number.")
-    serve.serve(idle_seconds=arguments.idle_minutes * 60)
-
-
-class _Terminal:
-    """Reports to stderr: one line that is written over on a terminal, a line a stage elsewhere."""
-
-    def __init__(self) -> None:
-        self._line_open = False
-        self._last_stage = ""
-
-    def progress(self, stage: str, fraction: float) -> None:
-        if sys.stderr.isatty():
-            print(f"\r{fraction:5.0%}  {stage:<40}", end="", file=sys.stderr, flush=True)
-            self._line_open = True
-        elif stage != self._last_stage:
-            print(f"{fraction:5.0%}  {stage}", file=sys.stderr, flush=True)
-        self._last_stage = stage
-
-    def warning(self, message: str) -> None:
-        self.close()
-        print(f"Warning: {message}", file=sys.stderr, flush=True)
-
-    def cancelled(self) -> bool:
-        return False
-
-    def close(self) -> None:
-        if self._line_open:
-            print(file=sys.stderr)
-            self._line_open = False
+def _serve(arguments: argparse.Namespace, _ending: EndingSignals) -> None:
+    if not 0 < arguments.idle_minutes <= _MOST_IDLE_MINUTES:
+        raise UsageError(
+            f"--idle-minutes must be more than 0 and at most {_MOST_IDLE_MINUTES:.0f}."
+        )
+    try:
+        serve.serve(idle_seconds=arguments.idle_minutes * 60)
+    except EndedBySignal as end:
+        os._exit(end.exit_code)  # as `serve` ends

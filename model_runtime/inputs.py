@@ -20,7 +20,7 @@ from .images import MAX_SIDE, read_image, read_packed, resize
 from .maps import HALF_MAX, Pixels, PrincipledMaps, TorranceSparrowMaps
 from .texture_names import choose_maps
 
-__all__ = ("Material", "hash_file", "hash_input", "read_input")
+__all__ = ("Material", "hash_file", "hash_input", "input_files", "read_input")
 
 Material = TorranceSparrowMaps | PrincipledMaps | MeasuredBRDF
 
@@ -58,9 +58,14 @@ def read_input(path: str | Path, *, size: int | None = None) -> Material:
 
 def hash_input(path: str | Path) -> dict[str, str]:
     """SHA-256 of every file that `read_input` reads, by name: what makes a run repeatable."""
+    return {file.name: hash_file(file) for file in input_files(path)}
+
+
+def input_files(path: str | Path) -> list[Path]:
+    """Every file that `read_input` reads, by name."""
     path = Path(path)
     files = _choose_files(path).values() if _is_folder(path) else (path,)
-    return {file.name: hash_file(file) for file in sorted(set(files))}
+    return sorted(set(files))
 
 
 def hash_file(path: Path) -> str:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = (
     "CHOICES",
+    "MOST_FRAMES",
     "MissingLibraryError",
     "cards",
     "load_age",
@@ -32,8 +33,11 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
 }
 
 
-_RANGES = {"frames": (1, 10_000), "size": (1, 16_384), "seed": (0, 2**63 - 1)}
-"""What whole numbers may be: frames as many as four digits count, a size as images may have."""
+MOST_FRAMES = 9999
+"""Files are numbered with four digits."""
+
+_RANGES = {"frames": (1, MOST_FRAMES), "size": (1, 16_384), "seed": (0, 2**63 - 1)}
+"""What whole numbers may be: a size as images may have."""
 
 _MOST_DB = 1000
 

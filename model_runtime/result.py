@@ -1,37 +1,38 @@
-"""Writing a result: staged beside its folder, moved in when it is complete."""
+"""Writing a result: staged first, moved into its folder when it is complete."""
 
 from __future__ import annotations
 
-import glob
+import errno
 import json
-import re
+import os
+import secrets
 import shutil
-import tempfile
-import time
+import stat
+from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from .commit import REPORT, clear, commit, places, recover, require_free
 from .errors import OutputError
+from .holding import hold, let_go
 from .images import Compression, Depth, write_exr
 from .maps import Halves, Pixels
+from .signals import undisturbed
 
 __all__ = ("REPORT", "StagedResult", "check_space")
 
-REPORT = "aged.json"
-
-_OURS = re.compile(r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.exr|timing\.exr|curves\.exr")
-_ABANDONED_SECONDS = 24 * 3600
 # OpenEXR holds the interpreter while it codes: one thread waits for the disk, and no more maps are
 # held back for it than half a frame has.
 _WRITERS = 1
 _QUEUED = 2
 
 
-def check_space(folder: Path, needed: int) -> None:
-    """Raise OutputError unless the disk of `folder` (which may not exist yet) has `needed`
-    bytes.
+def check_space(folder: Path, needed: int, files: int = 0) -> None:
+    """Raise OutputError unless the disk of `folder` (which may not exist yet) has `needed` bytes
+    and room for so many `files`, where it counts them.
     """
     existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     free = shutil.disk_usage(existing).free
@@ -40,33 +41,41 @@ def check_space(folder: Path, needed: int) -> None:
             f"The result may need {needed / 1e6:,.0f} MB; {existing} has {free / 1e6:,.0f} left.",
             "Free some space, choose another folder, a smaller size or fewer frames.",
         )
+    if hasattr(os, "statvfs"):
+        disk = os.statvfs(existing)
+        if disk.f_files > 0 and disk.f_favail < files:
+            raise OutputError(
+                f"The result may have {files} files; {existing} has room for {disk.f_favail}.",
+                "Remove some files, choose another folder or fewer frames.",
+            )
 
 
 class StagedResult:
-    """A context that collects EXR files and a report beside `folder`.
+    """A context that collects EXR files and a report for `folder`, which is looked at on entry.
 
     `commit` moves them in, replacing an earlier result of ours and nothing else; leaving the
     context without it removes what was staged and leaves the earlier result as it was.
     """
 
     def __init__(self, folder: Path, *, compression: Compression = "zip") -> None:
-        self.folder = folder.absolute()
+        self.folder = folder
         self._compression: Compression = compression
-        self._pending: list[Future[None]] = []
+        self._pending: list[tuple[str, Future[int]]] = []
+        self._sizes: dict[str, int] = {}
+        self._leaving = ExitStack()
 
     def __enter__(self) -> StagedResult:
         try:
-            if self.folder.exists() and not self.folder.is_dir():
-                raise OutputError(
-                    f"{self.folder} is a file, not a folder.", "Choose another output folder."
-                )
-            self.folder.parent.mkdir(parents=True, exist_ok=True)
-            self._sweep()
-            staging = tempfile.mkdtemp(prefix=self._prefix, dir=self.folder.parent)
-        except OSError as error:
-            raise self._unwritable(error) from error
-        self._staging = Path(staging)
-        self._pool = ThreadPoolExecutor(_WRITERS)
+            given, self.folder = self.folder, Path(os.path.realpath(self.folder))
+            new = self._is_new(given)
+            recover(self.folder)
+            with undisturbed():
+                self._stage(new)
+        except BaseException as error:
+            self._leaving.close()
+            if isinstance(error, OSError | ValueError):
+                raise self._unwritable(error) from error
+            raise
         return self
 
     def __exit__(
@@ -75,95 +84,140 @@ class StagedResult:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._pool.shutdown(cancel_futures=True)
-        shutil.rmtree(self._staging, ignore_errors=True)
+        with undisturbed():
+            self._leaving.close()
 
-    def write(self, name: str, pixels: Pixels | Halves, *, depth: Depth = "half") -> None:
+    def require_free(self, names: Collection[str]) -> None:
+        """Raise OutputError where a file of `names` would replace one that is not ours."""
+        require_free(self.folder, names)
+
+    def write(
+        self,
+        name: str,
+        pixels: Pixels | Halves,
+        *,
+        compression: Compression | None = None,
+        depth: Depth = "half",
+    ) -> None:
         """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or
         later.
         """
         self._settle(_QUEUED)
-        path = self._staging / name
-        self._pending.append(
-            self._pool.submit(write_exr, path, pixels, compression=self._compression, depth=depth)
-        )
+        how = compression or self._compression, depth
+        self._pending.append((name, self._pool.submit(self._write, name, pixels, *how)))
 
     def finish(self) -> None:
         """Wait until everything queued is written."""
         self._settle(0)
 
     def commit(self, report: dict[str, Any]) -> None:
-        """Wait for all files, then move them and `report` (aged.json) into the folder."""
+        """Wait for all files, then move them and `report` (aged.json), which lists them, into the
+        folder.
+        """
         self.finish()
+        self._require_whole()
         try:
-            staged = self._staging / REPORT
-            staged.write_text(json.dumps(report, indent=1), encoding="utf-8")
-            self.folder.mkdir(exist_ok=True)
-            before = self._earlier_files()
-            names = sorted(path.name for path in self._staging.iterdir() if path.name != REPORT)
-            self._check_nothing_is_in_the_way([*names, REPORT])
-            for name in names:
-                (self._staging / name).replace(self.folder / name)
-            for name in before - set(names):
-                (self.folder / name).unlink(missing_ok=True)
-            staged.replace(self.folder / REPORT)
+            (self._staging / REPORT).write_text(json.dumps(report, indent=1), encoding="utf-8")
+            commit(self._staging, self.folder, sorted(self._sizes))
         except OSError as error:
             raise self._unwritable(error) from error
 
-    @property
-    def _prefix(self) -> str:
-        return f".{self.folder.name}.partial-"
-
-    def _check_nothing_is_in_the_way(self, names: list[str]) -> None:
-        """A folder is no earlier result of ours; found half way it would leave two halves."""
-        for name in names:
-            if (self.folder / name).is_dir():
+    def _is_new(self, given: Path) -> bool:
+        """Whether the folder is not there yet."""
+        try:
+            mode = self.folder.stat().st_mode
+        except FileNotFoundError:
+            if given.is_symlink():
                 raise OutputError(
-                    f"{self.folder / name} is a folder where a file is to be written.",
-                    "Move it away, or choose another output folder.",
-                )
+                    f"{given} is a link that leads nowhere.", "Choose another output folder."
+                ) from None
+            return True
+        if not stat.S_ISDIR(mode):
+            raise OutputError(
+                f"{self.folder} is a file, not a folder.", "Choose another output folder."
+            )
+        return False
+
+    def _stage(self, new: bool) -> None:
+        """Make a staging folder from where files can be moved into the folder.
+
+        That is beside it, so that the two can change places; else, as where the folder is a disk of
+        its own, or its parent cannot be written to, or there is no room for a longer name, within.
+        """
+        beside, within = places(self.folder, secrets.token_hex(4))
+        try:
+            if new:
+                self._make(self.folder.parent)
+                self._leaving.callback(_remove_empty, self.folder)
+            self._staging = beside
+            beside.mkdir()
+            if not new:
+                beside.rename(within)
+                within.rename(beside)
+        except OSError as error:
+            if new and error.errno != errno.ENAMETOOLONG:
+                raise
+            _remove_empty(beside)
+            self._staging = within
+            within.parent.mkdir(exist_ok=True)
+            within.mkdir(exist_ok=True)
+        self._leaving.callback(clear, self._staging)
+        with suppress(OSError):  # a file system without locks
+            self._leaving.callback(let_go, self._staging, hold(self._staging))
+        self._pool = ThreadPoolExecutor(_WRITERS)
+        self._leaving.callback(self._pool.shutdown, cancel_futures=True)
+
+    def _make(self, folder: Path) -> None:
+        missing = [each for each in (folder, *folder.parents) if not each.exists()]
+        for each in reversed(missing):
+            each.mkdir(exist_ok=True)
+            self._leaving.callback(_remove_empty, each)
+
+    def _write(
+        self, name: str, pixels: Pixels | Halves, compression: Compression, depth: Depth
+    ) -> int:
+        """Write an image; its size in bytes."""
+        path = self._staging / name
+        write_exr(path, pixels, compression=compression, depth=depth)
+        return path.stat().st_size
 
     def _settle(self, allowed: int) -> None:
         while len(self._pending) > allowed:
-            self._pending.pop(0).result()
+            name, written = self._pending.pop(0)
+            try:
+                self._sizes[name] = written.result()
+            except OSError as error:
+                raise self._unwritable(error) from error
 
-    def _sweep(self) -> None:
-        """Remove what a worker that was killed a day or longer ago left behind."""
-        for path in self.folder.parent.glob(f"{glob.escape(self._prefix)}*"):
-            if path.is_dir() and time.time() - path.stat().st_mtime > _ABANDONED_SECONDS:
-                shutil.rmtree(path, ignore_errors=True)
+    def _require_whole(self) -> None:
+        """Raise OutputError where a staged file is no longer what was written."""
+        for name, size in self._sizes.items():
+            path = self._staging / name
+            try:
+                found = path.stat().st_size
+            except OSError as error:
+                reason = f"cannot be found again ({error.strerror})"
+            else:
+                if found == size:
+                    continue
+                reason = f"has {found} bytes instead of {size}"
+            raise OutputError(
+                f"{path} was written and {reason}: another program has changed it.",
+                "Run it again, and keep other programs out of that folder.",
+            )
 
-    def _earlier_files(self) -> set[str]:
-        """Names of files that the report in the folder says are ours and that are named as ours; no
-        path is followed.
-        """
-        try:
-            earlier = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
-            listed = [
-                entry
-                for files in earlier["files"].values()
-                for entry in ([files] if isinstance(files, str) else files)
-            ]
-            names = {
-                name
-                for entry in listed
-                for name in ([entry] if isinstance(entry, str) else [part[0] for part in entry])
-            }
-        except (
-            OSError,
-            ValueError,
-            RecursionError,
-            KeyError,
-            TypeError,
-            AttributeError,
-            IndexError,
-        ):
-            return set()
-        ours = {name for name in names if isinstance(name, str) and _OURS.fullmatch(name)}
-        return {name for name in ours if not (self.folder / name).is_dir()}
-
-    def _unwritable(self, error: OSError) -> OutputError:
+    def _unwritable(self, error: OSError | ValueError) -> OutputError:
+        reason = error
+        if isinstance(error, OSError):
+            reason = error.strerror
+            if error.filename and Path(error.filename).parent == self.folder:
+                reason = f"{Path(error.filename).name}: {reason}"
         return OutputError(
-            f"The folder {self.folder} cannot be written ({error.strerror}).",
+            f"The folder {self.folder} cannot be written ({reason}).",
             "Choose a folder that can be written, with space left.",
         )
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):  # it is not there, or something lies in it: the result, as a rule
+        folder.rmdir()

@@ -15,19 +15,19 @@ def savings(
     interval: int,
     files: Mapping[str, Sequence[str | Sequence[Sequence[Any]]]],
     coefficients: int | None = None,
-    live_missed: bool = False,
+    not_live: bool = False,
 ) -> list[str]:
     """A sentence each on the BRDFs that were modelled, on what stands for frames, on frames that
     are only interpolated and on maps that lack frames.
 
     Every `interval`-th frame was aged; `files` are those of `aged.json`: per map and frame its
     file, or its mix of files. `coefficients` of a texel stand for all frames where that is not
-    None; `live_missed` where none could.
+    None; `not_live` where none could.
     """
     sentences = [_modelled(modelled, texels)]
     if coefficients is not None:
         return [*sentences, _live(coefficients)]
-    if live_missed:
+    if not_live:
         sentences.append("Wrote frames: no few coefficients a texel are near enough to them.")
     if interval > 1:
         sentences.append(f"Aged one frame in {interval}; those between are interpolated.")

@@ -20,7 +20,15 @@ from .maps import Halves, Pixels, PrincipledMaps, TorranceSparrowMaps
 from .plan import Stored, stored_frames
 from .result import StagedResult
 
-__all__ = ("Format", "FrameMaps", "Frames", "maps_of", "write_frames", "write_stored_frames")
+__all__ = (
+    "Format",
+    "FrameMaps",
+    "Frames",
+    "file_names",
+    "maps_of",
+    "write_frames",
+    "write_stored_frames",
+)
 
 Format = Literal["torrance-sparrow", "principled", "principled-exact"]
 Mix = list[list[str | float]]
@@ -294,6 +302,15 @@ def _most_changed(first: Mapping[str, Halves], last: Mapping[str, Halves]) -> li
 def file_name(map_name: str, k: int) -> str:
     """The file of frame `k`, counted from 0."""
     return f"{map_name}_{k + 1:04d}.exr"
+
+
+def file_names(format: Format, frames: int) -> list[str]:
+    """Every file that a run in `format` may write ("principled-exact" may turn out otherwise)."""
+    formats: tuple[Format, ...] = (format,)
+    if format == "principled-exact":
+        formats = (format, "torrance-sparrow")
+    maps = dict.fromkeys(name for each in formats for name in _CHANNELS[each])
+    return [file_name(name, k) for name in maps for k in range(frames)]
 
 
 def _torrance_sparrow(states: Pixels, size: tuple[int, int] | None = None) -> TorranceSparrowMaps:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import glob
 import os
 import re
-import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
+from ..model_runtime.commit import is_free
 from .errors import SettingsError
 
-__all__ = ("file_safe", "free_folder", "remove_partial", "require_writable")
+__all__ = ("file_safe", "free_folder", "require_writable")
 
 # Names that Windows keeps for devices, whatever their extension.
 RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
@@ -39,22 +38,31 @@ def free_folder(parent: Path, name: str, taken: Iterable[Path]) -> Path:
 
     A folder may not where a material shows files of it (`taken`), nor where it holds something
     that is not an earlier result.
+
+    Raises:
+        SettingsError: `parent` cannot be looked into.
     """
     refused = {_key(folder) for folder in taken}
     safe = file_safe(name)
     number = 0
     while True:
         folder = parent / (f"{safe}.{number:03d}" if number else safe)
-        if _key(folder) not in refused and _is_ours(folder):
-            return folder
+        try:
+            if _key(folder) not in refused and is_free(folder):
+                return folder
+        except (OSError, ValueError) as error:
+            raise _unusable(folder, error) from error
         number += 1
 
 
 def require_writable(folder: Path) -> None:
     """Raise SettingsError where `folder` can be neither written to nor made."""
     existing = folder
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
+    try:
+        while not existing.exists() and existing != existing.parent:
+            existing = existing.parent
+    except (OSError, ValueError) as error:
+        raise _unusable(folder, error) from error
     if not existing.is_dir():
         raise SettingsError(f"{existing} is a file, not a folder.", "Choose another output folder.")
     if not os.access(existing, os.W_OK | os.X_OK):
@@ -63,19 +71,11 @@ def require_writable(folder: Path) -> None:
         )
 
 
-def remove_partial(folder: Path) -> None:
-    """Remove what a worker that was killed has left of a result beside `folder`.
-
-    `model_runtime.result` stages there, and cleans up itself unless it is killed.
-    """
-    for path in folder.parent.glob(f".{glob.escape(folder.name)}.partial-*"):
-        shutil.rmtree(path, ignore_errors=True)
-
-
-def _is_ours(folder: Path) -> bool:
-    if not folder.exists():
-        return True
-    return folder.is_dir() and ((folder / "aged.json").is_file() or not any(folder.iterdir()))
+def _unusable(folder: Path, error: OSError | ValueError) -> SettingsError:
+    reason = error.strerror if isinstance(error, OSError) else error
+    return SettingsError(
+        f"The output folder {folder} cannot be used ({reason}).", "Choose another output folder."
+    )
 
 
 def _key(folder: Path) -> str:

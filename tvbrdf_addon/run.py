@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..model_runtime.commit import recover
 from ..model_runtime.errors import Cancelled
 from . import forecast, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
@@ -68,7 +69,8 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene, binding: str | No
     model = _require_settings(material, scene)
     frame_start, frame_end = properties.frame_range(material, scene)
     parent = Path(bpy.path.abspath(settings.output)).absolute()
-    output.require_writable(parent)
+    folder = output.free_folder(parent, material.name, _folders_in_use(material))
+    output.require_writable(folder)
     return Plan(
         material_uid=material.session_uid,
         material_name=material.name,
@@ -77,7 +79,7 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene, binding: str | No
         size=None if settings.use_camera_size else settings.size,
         frame_start=frame_start,
         frame_end=frame_end,
-        folder=output.free_folder(parent, material.name, _folders_in_use(material)),
+        folder=folder,
         request={
             "ntm": str(model),
             "frames": settings.steps,
@@ -309,7 +311,7 @@ class Run:
             yield from self._listen(request)
         except WorkerError:
             if not self._worker.alive:
-                output.remove_partial(self.plan.folder)
+                recover(self.plan.folder)
             raise
 
     def _listen(self, request: dict[str, Any]) -> Iterator[None]:

@@ -95,5 +95,5 @@ def _between(curve: Pixels, age: Pixels) -> Pixels:
     """The values [n, 7] of a curve [T, 7] at `age` [n]."""
     place = age * np.float32(len(curve) - 1)
     lower = np.minimum(place.astype(np.int64), len(curve) - 2)
-    share = (place - lower)[:, None]
+    share = (place - lower).astype(np.float32)[:, None]
     return curve[lower] * (1 - share) + curve[lower + 1] * share

@@ -7,7 +7,7 @@ each, are textures of half floats; `curves.exr` is a table of single floats (`Cu
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +15,32 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..brdf import principled
+from ..brdf.principled import EXACT_F0
 from ..compose import AgedTexels
-from ..images import read_image
-from ..maps import Halves, TorranceSparrowMaps
+from ..images import Compression, read_image
+from ..maps import Halves
 from ..result import REPORT, StagedResult
 from ..writing import Format
 from .evaluate import COEFFICIENTS_A_FILE, Curves, LiveMaps
-from .low_rank import LowRank, with_roughness
+from .low_rank import MOST_COEFFICIENTS, LowRank
 
-__all__ = ("CURVES", "TIMING", "read_live", "write_live")
+__all__ = ("CURVES", "TIMING", "live_names", "read_live", "write_live")
 
 CURVES = "curves.exr"
 TIMING = "timing.exr"
 
-_BAND = 1 << 12  # texels whose whole histories are looked at together
+_BAND = 1 << 15  # texels worked on at a time: what they need stays in the cache
+_HISTORIES = 1 << 12  # likewise, with all ages
+_NEAR = 0.25  # of reflectance: texels differ by less from their entry
+
+
+def live_names() -> list[str]:
+    """Every file that a live material may have."""
+    return [TIMING, CURVES, *map(_coefficients, range(MOST_COEFFICIENTS // COEFFICIENTS_A_FILE))]
+
+
+def _coefficients(number: int) -> str:
+    return f"coefficients_{number}.exr"
 
 
 def write_live(
@@ -38,6 +49,7 @@ def write_live(
     size: tuple[int, int],
     format: Format,
     staged: StagedResult,
+    compression: Compression,
 ) -> tuple[Format, dict[str, Any]]:
     """Write what a shader needs to show `aged`, an image of `size`, as the sum `found`; returns
     the format it is to show it in and `files` of `aged.json`.
@@ -50,20 +62,22 @@ def write_live(
     if aged.onset is not None:
         files["timing"] = TIMING
         rate = torch.ones(()) if aged.rate is None else aged.rate
-        staged.write(TIMING, _image((aged.onset, rate), size))
+        staged.write(TIMING, _image((aged.onset, rate), size), compression=compression)
+    coefficients = torch.empty(len(found.shapes), len(aged.initial), dtype=torch.half)
+    for start in range(0, len(aged.initial), _BAND):
+        band = slice(start, start + _BAND)
+        coefficients[:, band] = found.of(aged.initial[band], aged.palette.index[band]).T
     files["coefficients"] = []
-    halves = found.coefficients.half()
-    for start in range(0, halves.shape[1], COEFFICIENTS_A_FILE):
-        name = f"coefficients_{start // COEFFICIENTS_A_FILE}.exr"
-        files["coefficients"].append(name)
-        some = halves[:, start : start + COEFFICIENTS_A_FILE].unbind(1)
-        staged.write(name, _image([each[aged.palette.index] for each in some], size))
+    for first in range(0, len(coefficients), COEFFICIENTS_A_FILE):
+        files["coefficients"].append(_coefficients(first // COEFFICIENTS_A_FILE))
+        some = _image(coefficients[first : first + COEFFICIENTS_A_FILE], size)
+        staged.write(files["coefficients"][-1], some, compression=compression)
     if format == "principled-exact" and not _representable(found, aged):
         format = "torrance-sparrow"
     return format, files
 
 
-def _image(planes: Sequence[Tensor], size: tuple[int, int]) -> Halves:
+def _image(planes: Iterable[Tensor], size: tuple[int, int]) -> Halves:
     """[H, W, 3] of at most three planes [H W], or of one value; what is missing is 0."""
     image = torch.zeros(3, size[0] * size[1], dtype=torch.half)
     for channel, plane in zip(image, planes, strict=False):
@@ -73,13 +87,26 @@ def _image(planes: Sequence[Tensor], size: tuple[int, int]) -> Halves:
 
 def _representable(found: LowRank, aged: AgedTexels) -> bool:
     """Whether "principled-exact" can hold the sum of every texel at every age."""
-    for rows in torch.arange(len(aged.initial)).split(_BAND):
-        start = with_roughness(aged.initial[rows])
-        states = found.at_ages(start, aged.palette.index[rows]).flatten(0, 1).numpy()
-        kd, ks, r = states[None, :, :3], states[None, :, 3:6], states[None, :, 6]
-        if not principled.representable(TorranceSparrowMaps(kd, ks, np.square(r))):
-            return False
-    return True
+    entries, index = aged.palette.entries, aged.palette.index
+    headroom = torch.cat(
+        [
+            _headroom(found, entries[band], band)
+            for band in torch.arange(len(entries)).split(_HISTORIES)
+        ]
+    )
+    # Only texels of entries that come near to the limit can be beyond it.
+    near = (headroom < _NEAR)[index].nonzero()[:, 0]
+    return all(
+        bool((_headroom(found, aged.initial[rows], index[rows]) >= 0).all())
+        for rows in near.split(_HISTORIES)
+    )
+
+
+def _headroom(found: LowRank, initial: Tensor, entry: Tensor) -> Tensor:
+    """[n]: how far texels stay, at every age, below what "principled-exact" can hold."""
+    kd, ks, _ = found.at_ages(initial, entry).split((3, 3, 1), -1)
+    strongest = ks.amax(-1)
+    return torch.minimum(EXACT_F0 - strongest, 1 - strongest - kd.amax(-1)).amin(1)
 
 
 def read_live(folder: Path) -> LiveMaps:

@@ -15,7 +15,7 @@ from .low_rank import LowRank, at_ages, fit_low_rank
 __all__ = ("Fitted", "fit_live")
 
 _CHECKED = 256  # texels at random
-_WORST = 20.0  # dB by which the worst texel may miss what texels at random reach
+_WORST = 22.0  # dB by which the worst texel may miss what texels at random reach
 
 
 @dataclass(frozen=True)
@@ -27,23 +27,27 @@ class Fitted:
     sum: LowRank
     error_db: Mapping[str, float]
 
+    @property
+    def coefficients(self) -> int:
+        """How many a texel has."""
+        return len(self.sum.shapes)
+
 
 def fit_live(
-    aged: AgedTexels, tolerance: float, truth_of: Callable[[Tensor], AgedTexels] | None
+    aged: AgedTexels, tolerance: float, truth_of: Callable[[Tensor], AgedTexels]
 ) -> Fitted | None:
-    """The sum of fewest coefficients that reaches `tolerance` dB, or that of `aged` itself if that
-    is lower, at every age; None where the most do not.
+    """The sum of fewest coefficients that reaches `tolerance` dB, or what `aged` itself does where
+    that is less, at every age; None where the most do not.
 
-    It is held against texels that `truth_of` models each for itself, or, where that is None,
-    against `aged`: some at random, and those that the sum leaves farthest.
+    It is held against texels that `truth_of` models each for itself: some at random, and those that
+    it leaves farthest.
     """
     whole = fit_low_rank(aged)
     count = len(aged.initial)
     rows = torch.randint(count, (min(_CHECKED, count),), generator=torch.Generator().manual_seed(0))
-    entry = torch.cat((aged.palette.index[rows], whole.worst))
     start = torch.cat((aged.initial[rows], aged.palette.entries[whole.worst]))
-    composed = at_ages(replace(aged, initial=start, palette=replace(aged.palette, index=entry)))
-    truth = composed if truth_of is None else at_ages(truth_of(start))
+    entry = torch.cat((aged.palette.index[rows], whole.worst))
+    truth = at_ages(truth_of(start))
     target = _look(truth)
 
     def errors(states: Tensor) -> Tensor:
@@ -54,10 +58,11 @@ def fit_live(
         """dB at the worst age, of texels at random."""
         return float(-10 * error[: len(rows)].mean(0).max().clamp_min(1e-10).log10())
 
-    asked = min(tolerance, reached(errors(composed)))
+    palette = replace(aged.palette, index=entry)
+    asked = min(tolerance, reached(errors(at_ages(replace(aged, initial=start, palette=palette)))))
     for coefficients in range(len(whole.shapes) + 1):
         found = whole.first(coefficients)
-        states = found.at_ages(truth[:, 0], entry)
+        states = found.at_ages(start, entry)
         error = errors(states)
         if reached(error) >= asked and error.max() <= 10 ** ((_WORST - asked) / 10):
             return Fitted(found, _error_db(truth[: len(rows)], states[: len(rows)]))

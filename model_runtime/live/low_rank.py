@@ -10,9 +10,11 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from ..compose import AgedTexels
 from ..plan import Palette
+from ..temporal.domain import perceptual
 from .evaluate import ROUGHNESS_MIN, Curves
 
 __all__ = ("MOST_COEFFICIENTS", "LowRank", "at_ages", "fit_low_rank", "with_roughness")
@@ -21,6 +23,8 @@ MOST_COEFFICIENTS = 12
 
 _ENTRIES = 2048  # from whose histories the shapes are drawn, where all texels are entries
 _SPREAD = 4096  # texels that tell how far they are from their entries
+_NEIGHBORS = 12  # entries from which a slope is taken
+_STIFFNESS = 0.03  # weight of no slope at all beside theirs
 _BAND = 1 << 14  # entries projected at a time
 _DARKEST = 0.01  # albedos below it count as it: nobody sees their last digits
 _ALIKE = 1e-8  # variance of a starting value below which no gain can be told from it
@@ -29,11 +33,14 @@ _NEGLIGIBLE = 1e-12  # share of the variance that no coefficient is worth
 
 @dataclass(frozen=True)
 class LowRank:
-    """The histories of P entries as y(a) = G(a) y(0) + O(a) + sum_k c_k V_k(a) (`Curves`).
+    """Histories as y(a) = G(a) y(0) + O(a) + sum_k c_k V_k(a) (`Curves`), where a texel's c_k are
+    those of its palette's entry and, nearby, follow their slope.
 
-    gain, offset: [T, 7]; shapes: [R, T, 7]; coefficients: [P, R], each at most 1 in size. The first
-    of them matter most: any number of them is the best choice of as many.
-
+    gain, offset: [T, 7]; shapes: [R, T, 7]
+    coefficients: [P, R] of the entries, each at most 1 in size; the first of them matter most, and
+        any number of them is the best choice of as many
+    slopes: [P, 8, R]: a texel's coefficients are its perceptual coordinates and 1, times these; or
+        None, where each texel is an entry
     worst: [R + 1] the entry that is left farthest by none, one ... all of the coefficients
     """
 
@@ -41,6 +48,7 @@ class LowRank:
     offset: Tensor
     shapes: Tensor
     coefficients: Tensor
+    slopes: Tensor | None
     worst: Tensor
 
     def first(self, count: int) -> LowRank:
@@ -49,15 +57,25 @@ class LowRank:
             self,
             shapes=self.shapes[:count],
             coefficients=self.coefficients[:, :count],
+            slopes=None if self.slopes is None else self.slopes[..., :count].contiguous(),
             worst=self.worst[: count + 1],
         )
 
-    def at_ages(self, start: Tensor, entry: Tensor) -> Tensor:
-        """States [n, T, 7] (kd, ks, r) at all ages of texels that were `start` [n, 7], of the
-        entries `entry` [n].
+    def of(self, initial: Tensor, entry: Tensor) -> Tensor:
+        """Coefficients [n, R] of texels `initial` [n, 7] (kd, ks, alpha) of the entries `entry`
+        [n].
         """
-        states = self.gain * start[:, None] + self.offset
-        states += torch.tensordot(self.coefficients[entry], self.shapes, 1)
+        if self.slopes is None:
+            return self.coefficients[entry]
+        place = functional.pad(perceptual(initial), (0, 1), value=1.0)
+        return torch.bmm(place[:, None], self.slopes[entry])[:, 0]
+
+    def at_ages(self, initial: Tensor, entry: Tensor) -> Tensor:
+        """States [n, T, 7] (kd, ks, r) at all ages of texels `initial` [n, 7] (kd, ks, alpha) of
+        the entries `entry` [n].
+        """
+        states = self.gain * with_roughness(initial)[:, None] + self.offset
+        states += torch.tensordot(self.of(initial, entry), self.shapes, 1)
         states[..., :6].clamp_(min=0)
         states[..., 6].clamp_(ROUGHNESS_MIN, 1)
         return states
@@ -111,13 +129,31 @@ def fit_low_rank(aged: AgedTexels) -> LowRank:
         coefficients.append(whole @ directions)
         distance.append(whole.square().sum(1, keepdim=True))
     coefficients = torch.cat(coefficients)
-    reached = torch.nn.functional.pad(coefficients.square().cumsum(1), (1, 0))
+    reached = functional.pad(coefficients.square().cumsum(1), (1, 0))
     worst = (torch.cat(distance) - reached).argmax(0)
     largest = coefficients.abs().amax(0)
     shapes = (directions / scale[:, None] * largest).T.unflatten(1, gain.shape)
     shapes[:, 0] = 0
-    parts = gain, offset, shapes, coefficients / largest
-    return LowRank(*(part.float() for part in parts), worst)
+    coefficients = (coefficients / largest).float()
+    slopes = None if len(entries) > _ENTRIES else _slopes(entries, coefficients)
+    parts = (part.float() for part in (gain, offset, shapes))
+    return LowRank(*parts, coefficients, slopes, worst)
+
+
+def _slopes(entries: Tensor, coefficients: Tensor) -> Tensor:
+    """[P, 8, R]: planes through each entry's coefficients [P, R] that lie nearest to those of its
+    neighbors, over perceptual coordinates.
+    """
+    place = perceptual(entries)
+    nearest = torch.cdist(place, place).topk(min(_NEIGHBORS + 1, len(place)), largest=False)
+    neighbor = nearest.indices[:, 1:]
+    away = place[neighbor] - place[:, None]
+    square = away.square().sum(2, keepdim=True)
+    weighted = (away / (square + square.mean(1, keepdim=True))).mT
+    normal = weighted @ away + _STIFFNESS * torch.eye(7)
+    slope = torch.linalg.solve(normal, weighted @ (coefficients[neighbor] - coefficients[:, None]))
+    level = coefficients[:, None] - place[:, None] @ slope
+    return torch.cat((slope, level), 1)
 
 
 def _at_random(count: int, wanted: int) -> Tensor:

@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...model_runtime.commit import recover
 from ..errors import MaterialError
 
 __all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveFiles", "read_result")
@@ -63,10 +64,13 @@ class LiveFiles:
 def read_result(folder: Path) -> AgedMaps | LiveFiles:
     """Reads `folder/aged.json` and looks at every file that it names.
 
+    A run that was killed while it replaced the result is undone first.
+
     Raises `MaterialError` where a file is missing, or the format is unknown.
     """
     path = folder / "aged.json"
     try:
+        recover(folder)
         data = json.loads(path.read_text(encoding="utf-8"))
         kind, times, files = str(data["format"]), tuple(map(float, data["times"])), data["files"]
         height, width = map(int, data["size"])
