@@ -12,8 +12,7 @@ from .errors import SettingsError
 from .forecast import is_worth_a_preview
 from .log import is_cancel, said_of
 from .material.freeze import freeze
-from .material.live.bind import is_live
-from .material.live.freeze import freeze_live
+from .material.record import is_live
 from .material.revert import is_aged, revert
 from .run import Run, object_with, why_not
 
@@ -262,6 +261,9 @@ class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
         try:
             material, scene = self.aged_target(context)
             if is_live(material):
+                # Only now: numpy, which it needs, has no part in starting Blender.
+                from .material.live.freeze import freeze_live
+
                 freeze_live(material, object_with(material, scene), scene)
             else:
                 freeze(material, scene.frame_current)

@@ -14,13 +14,14 @@ from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
 from .log import said_of
 from .material.age import age_path
-from .material.live.bind import is_live
 from .material.onset import is_invertible
+from .material.record import is_live
 from .material.revert import is_aged
 from .operators import material_of
 from .plain import plain
 from .report import report_in
 from .run import Run, object_with, why_not
+from .sharing import left_out
 
 __all__ = ("CLASSES",)
 
@@ -150,6 +151,8 @@ def _draw_action(
         )
         if is_live(material):
             layout.operator("tvbrdf.bake_frames", icon="RENDER_ANIMATION")
+        if said := left_out(material):
+            _paragraph(layout, context, said, "ERROR")
 
 
 def _draw_forecast(

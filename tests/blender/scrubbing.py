@@ -4,9 +4,9 @@
         [--frames 9] [--no-window]
 
 A result is what `age` wrote, `aged.json` and its files.  Without any, random ones are made: one
-with a file for each frame, one with a file for every fourth, and a live one, of each size.  Prints and leaves
-`scrubbing.json`.  The window is that of `windowed-blender` (../shared/tools), whose OpenGL is
-software: compare its figures with those of the same scene unaged, not with a GPU's.
+with a file for each frame, one with a file for every fourth, and a live one, of each size.  Prints
+and leaves `scrubbing.json`.  The window is that of `windowed-blender` (../shared/tools), whose
+OpenGL is software: compare its figures with those of the same scene unaged, not with a GPU's.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from tests.blender.material_cases import made_up, principled_of, render, view_fr
 from tests.blender.test_bind import emitting
 from tvbrdf.tvbrdf_addon.material.animation import channels
 from tvbrdf.tvbrdf_addon.material.freeze import freeze
-from tvbrdf.tvbrdf_addon.material.live.bind import is_live
+from tvbrdf.tvbrdf_addon.material.record import is_live
 from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
 
 HERE = Path(__file__).resolve().parent

@@ -13,7 +13,7 @@ import pytest
 
 from tvbrdf.tvbrdf_addon import session
 from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
-from tvbrdf.tvbrdf_addon.material.live.bind import is_live
+from tvbrdf.tvbrdf_addon.material.record import is_live
 from tvbrdf.tvbrdf_addon.material.revert import is_aged
 from tvbrdf.tvbrdf_addon.run import Run
 

@@ -18,155 +18,27 @@ from tests.blender.material_cases import (
     plane,
     principled_of,
     procedural,
+    read_maps,
     render,
     view_from_above,
     write_result,
+)
+from tests.blender.surface_cases import (
+    GROUPS,
+    MIXERS,
+    end_of,
+    fill,
+    in_a_group,
+    in_a_group_used_twice,
+    in_nested_groups,
+    new_group,
+    show_group,
+    through_a_group,
 )
 from tests.blender.test_bind import bind, read
 from tests.blender.test_revert import FORMATS, settled
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
-
-
-def end_of(material) -> bpy.types.NodeSocket:
-    return material.node_tree.get_output_node("CYCLES").inputs["Surface"]
-
-
-def mix_with_transparent(material) -> None:
-    tree, mix = material.node_tree, add(material, "ShaderNodeMixShader")
-    tree.links.new(add(material, "ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
-    tree.links.new(principled_of(material).outputs[0], mix.inputs[2])
-    tree.links.new(mix.outputs[0], end_of(material))
-
-
-def add_emission(material) -> None:
-    tree, both = material.node_tree, add(material, "ShaderNodeAddShader")
-    tree.links.new(principled_of(material).outputs[0], both.inputs[0])
-    tree.links.new(add(material, "ShaderNodeEmission").outputs[0], both.inputs[1])
-    tree.links.new(both.outputs[0], end_of(material))
-
-
-def nested_mixers(material) -> None:
-    """A Principled that reaches both sides of a mix, by a reroute and past a muted mixer."""
-    tree = material.node_tree
-    reroute = add(material, "NodeReroute")
-    tree.links.new(principled_of(material).outputs[0], reroute.inputs[0])
-    both, mix = add(material, "ShaderNodeAddShader"), add(material, "ShaderNodeMixShader")
-    tree.links.new(reroute.outputs[0], both.inputs[0])
-    tree.links.new(add(material, "ShaderNodeBsdfSheen").outputs[0], both.inputs[1])
-    muted = add(material, "ShaderNodeMixShader", mute=True)
-    tree.links.new(both.outputs[0], muted.inputs[1])
-    tree.links.new(muted.outputs[0], mix.inputs[1])
-    tree.links.new(principled_of(material).outputs[0], mix.inputs[2])
-    tree.links.new(mix.outputs[0], end_of(material))
-
-
-def hidden_second(material) -> None:
-    """A mix whose constant factor never shows its second Principled."""
-    tree, mix = material.node_tree, add(material, "ShaderNodeMixShader")
-    mix.inputs["Fac"].default_value = 0.0
-    tree.links.new(principled_of(material).outputs[0], mix.inputs[1])
-    tree.links.new(add(material, "ShaderNodeBsdfPrincipled").outputs[0], mix.inputs[2])
-    tree.links.new(mix.outputs[0], end_of(material))
-
-
-def new_group(name: str = "Paint Group") -> bpy.types.NodeTree:
-    group = bpy.data.node_groups.new(name, "ShaderNodeTree")
-    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    panel = group.interface.new_panel("Settings")
-    group.interface.new_socket("Noise", in_out="INPUT", socket_type="NodeSocketFloat")
-    group.interface.new_socket("Tint", in_out="INPUT", socket_type="NodeSocketColor", parent=panel)
-    group.nodes.new("NodeGroupInput")
-    group.nodes.new("NodeGroupOutput")
-    return group
-
-
-def fill(group: bpy.types.NodeTree, shader: bpy.types.NodeSocket) -> None:
-    end = next(node for node in group.nodes if node.type == "GROUP_OUTPUT")
-    group.links.new(shader, end.inputs[0])
-
-
-def principled_group(name: str = "Paint Group") -> bpy.types.NodeTree:
-    """Base Color, Roughness and Metallic by noise from outside, Specular Tint by a value."""
-    group = new_group(name)
-    start = next(node for node in group.nodes if node.type == "GROUP_INPUT")
-    shader = group.nodes.new("ShaderNodeBsdfPrincipled")
-    ramp = group.nodes.new("ShaderNodeValToRGB")
-    group.links.new(start.outputs["Noise"], ramp.inputs[0])
-    group.links.new(ramp.outputs[0], shader.inputs["Base Color"])
-    group.links.new(start.outputs["Noise"], shader.inputs["Roughness"])
-    group.links.new(start.outputs["Noise"], shader.inputs["Metallic"])
-    group.links.new(start.outputs["Tint"], shader.inputs["Specular Tint"])
-    shader.inputs["IOR"].default_value = 1.8
-    shader.inputs["IOR"].keyframe_insert("default_value", frame=1)
-    shader.inputs["Emission Strength"].default_value = 0.25
-    fill(group, shader.outputs[0])
-    return group
-
-
-def show_group(material, group: bpy.types.NodeTree) -> bpy.types.Node:
-    """Shows `group` on the material, its Noise a noise, its Tint keyed."""
-    tree = material.node_tree
-    for node in [each for each in tree.nodes if each.type == "BSDF_PRINCIPLED"]:
-        tree.nodes.remove(node)
-    node = add(material, "ShaderNodeGroup")
-    node.node_tree = group
-    noise = add(material, "ShaderNodeTexNoise")
-    tree.links.new(noise.outputs[0], node.inputs["Noise"])
-    node.inputs["Tint"].keyframe_insert("default_value", frame=1)
-    tree.links.new(node.outputs[0], end_of(material))
-    return node
-
-
-def in_a_group(material) -> None:
-    show_group(material, principled_group())
-
-
-def in_nested_groups(material) -> None:
-    """A group in a group, of which both sides of a mix have one."""
-    outer = new_group("Outer")
-    inner = outer.nodes.new("ShaderNodeGroup")
-    inner.node_tree = principled_group("Inner")
-    start = next(node for node in outer.nodes if node.type == "GROUP_INPUT")
-    outer.links.new(start.outputs["Noise"], inner.inputs["Noise"])
-    mix = outer.nodes.new("ShaderNodeMixShader")
-    outer.links.new(inner.outputs[0], mix.inputs[1])
-    outer.links.new(outer.nodes.new("ShaderNodeBsdfTranslucent").outputs[0], mix.inputs[2])
-    fill(outer, mix.outputs[0])
-    show_group(material, outer)
-
-
-def in_a_group_used_twice(material) -> None:
-    """Two nodes of a group, of which the mix shows one."""
-    first = show_group(material, principled_group())
-    tree, mix = material.node_tree, add(material, "ShaderNodeMixShader")
-    second = add(material, "ShaderNodeGroup")
-    second.node_tree = first.node_tree
-    mix.inputs["Fac"].default_value = 1.0
-    tree.links.new(second.outputs[0], mix.inputs[1])
-    tree.links.new(first.outputs[0], mix.inputs[2])
-    tree.links.new(mix.outputs[0], end_of(material))
-
-
-def through_a_group(material) -> None:
-    """The Principled stands outside; a group mixes something with the shader that it is given."""
-    procedural(material)
-    group = bpy.data.node_groups.new("Mixer", "ShaderNodeTree")
-    for side in ("INPUT", "OUTPUT"):
-        group.interface.new_socket("Shader", in_out=side, socket_type="NodeSocketShader")
-    both = group.nodes.new("ShaderNodeAddShader")
-    group.links.new(group.nodes.new("NodeGroupInput").outputs[0], both.inputs[0])
-    group.links.new(group.nodes.new("ShaderNodeEmission").outputs[0], both.inputs[1])
-    group.links.new(both.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
-    node = add(material, "ShaderNodeGroup")
-    node.node_tree = group
-    tree = material.node_tree
-    tree.links.new(principled_of(material).outputs[0], node.inputs[0])
-    tree.links.new(node.outputs[0], end_of(material))
-
-
-MIXERS = (mix_with_transparent, add_emission, nested_mixers, hidden_second, through_a_group)
-GROUPS = (in_a_group, in_nested_groups, in_a_group_used_twice)
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -266,3 +138,159 @@ def test_a_group_looks_like_its_nodes_without_a_group(tmp_path, kind):
         bpy.data.objects.remove(obj)
     np.testing.assert_allclose(pictures[0], pictures[1], rtol=1e-5, atol=1e-6)
     assert np.ptp(pictures[0][0]) > 0.05
+
+
+def test_what_a_group_computes_is_read_as_without_a_group(tmp_path):
+    """By the UV map where position matters: noise from outside, a ramp inside, a value inside."""
+    from tvbrdf.tvbrdf_addon.material.read import read as read_material
+
+    maps = []
+    for build in (in_a_group, in_nested_groups, None):
+        material = new_material()
+        if build is not None:
+            build(material)
+        else:
+            noise, ramp = (add(material, f"ShaderNode{kind}") for kind in ("TexNoise", "ValToRGB"))
+            material.node_tree.links.new(noise.outputs[0], ramp.inputs[0])
+            link(material, ramp.outputs[0], "Base Color")
+            for socket in ("Roughness", "Metallic"):
+                link(material, noise.outputs[0], socket)
+            principled_of(material).inputs["IOR"].default_value = 1.8
+            principled_of(material).inputs["Specular Tint"].default_value = (0, 0, 0, 1)
+        folder = tmp_path / f"maps {len(maps)}"
+        folder.mkdir()
+        groups = list(bpy.data.node_groups)
+        read_material(
+            material=material, obj=plane(material), scene=bpy.context.scene, folder=folder, size=32
+        )
+        assert list(bpy.data.node_groups) == groups
+        maps.append(read_maps(folder))
+    flat = maps.pop()
+    assert np.ptp(flat["Roughness"]) > 0.1
+    for grouped in maps:
+        assert set(grouped) == set(flat)
+        for name, values in flat.items():
+            np.testing.assert_allclose(grouped[name], values, atol=1e-5, err_msg=name)
+
+
+def second_principled(material) -> bpy.types.Node:
+    """Mixes the material's Principled half and half with another, “Moss”; returns the mix."""
+    tree, mix = material.node_tree, add(material, "ShaderNodeMixShader")
+    moss = add(material, "ShaderNodeBsdfPrincipled", label="Moss")
+    tree.links.new(principled_of(material).outputs[0], mix.inputs[1])
+    tree.links.new(moss.outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], end_of(material))
+    return mix
+
+
+def test_two_that_are_mixed_are_refused_by_name():
+    from tvbrdf.tvbrdf_addon.material.check import why_not
+
+    material = new_material()
+    second_principled(material)
+    obj = plane(material)
+    said = why_not(material, obj)
+    assert "“Principled BSDF”" in said
+    assert "“Moss”" in said
+
+
+def test_one_group_shown_twice_is_two_of_them():
+    from tvbrdf.tvbrdf_addon.material.check import why_not
+
+    material = new_material()
+    in_a_group_used_twice(material)
+    mix = next(node for node in material.node_tree.nodes if node.type == "MIX_SHADER")
+    mix.inputs["Fac"].default_value = 0.5
+    assert "in “Group”" in why_not(material, plane(material))
+    assert "in “Group.001”" in why_not(material, plane(material))
+
+
+@pytest.mark.parametrize("by", ["socket", "value node", "group input"])
+@pytest.mark.parametrize(("factor", "shown"), [(0.0, "Principled BSDF"), (1.0, "Moss"), (0.2, "")])
+def test_a_factor_that_never_changes_decides(factor: float, shown: str, by: str):
+    from tvbrdf.tvbrdf_addon.errors import MaterialError
+    from tvbrdf.tvbrdf_addon.material.surface import find_principled
+
+    material = new_material()
+    mix = second_principled(material)
+    if by == "socket":
+        mix.inputs["Fac"].default_value = factor
+    else:
+        value = add(material, "ShaderNodeValue")
+        value.outputs[0].default_value = factor
+        material.node_tree.links.new(value.outputs[0], mix.inputs["Fac"])
+    if by == "group input":
+        group = bpy.data.node_groups.new("Both", "ShaderNodeTree")
+        group.interface.new_socket("Factor", in_out="INPUT", socket_type="NodeSocketFloat")
+        group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+        inner = group.nodes.new("ShaderNodeMixShader")
+        group.links.new(group.nodes.new("NodeGroupInput").outputs[0], inner.inputs["Fac"])
+        for slot, label in ((1, ""), (2, "Moss")):
+            shader = group.nodes.new("ShaderNodeBsdfPrincipled")
+            shader.label = label
+            group.links.new(shader.outputs[0], inner.inputs[slot])
+        group.links.new(inner.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+        node = add(material, "ShaderNodeGroup")
+        node.node_tree = group
+        node.inputs[0].default_value = factor
+        material.node_tree.links.new(node.outputs[0], end_of(material))
+    if shown:
+        found = find_principled(material).principled
+        assert (found.label or "Principled BSDF") == shown
+    else:
+        with pytest.raises(MaterialError, match="only one can be aged"):
+            find_principled(material)
+
+
+def test_a_keyed_factor_decides_nothing():
+    from tvbrdf.tvbrdf_addon.material.check import why_not
+
+    material = new_material()
+    factor = second_principled(material).inputs["Fac"]
+    factor.default_value = 0.0
+    factor.keyframe_insert("default_value", frame=1)
+    assert "only one can be aged" in why_not(material, plane(material))
+
+
+# A second Material Output
+
+
+def outputs(material) -> tuple[bpy.types.Node, bpy.types.Node]:
+    first = material.node_tree.get_output_node("CYCLES")
+    second = add(material, "ShaderNodeOutputMaterial", target="EEVEE")
+    first.target = "CYCLES"
+    return first, second
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_an_output_for_eevee_that_shows_the_same_ages_too(tmp_path, kind):
+    material = new_material()
+    procedural(material)
+    _, second = outputs(material)
+    material.node_tree.links.new(principled_of(material).outputs[0], second.inputs["Surface"])
+    obj = plane(material)
+    assert not [said for said in read(material, obj, tmp_path).warnings if "EEVEE" in said]
+    bind(material, obj, made_up(tmp_path / "aged", kind), tmp_path)
+    first = material.node_tree.get_output_node("CYCLES").inputs["Surface"].links[0].from_socket
+    assert second.inputs["Surface"].links[0].from_socket == first
+
+
+def test_an_output_for_eevee_that_shows_something_else_is_said(tmp_path):
+    material = new_material()
+    _, second = outputs(material)
+    tree = material.node_tree
+    tree.links.new(add(material, "ShaderNodeBsdfDiffuse").outputs[0], second.inputs["Surface"])
+    said = [each for each in read(material, plane(material), tmp_path).warnings if "EEVEE" in each]
+    assert len(said) == 1
+    assert second.name in said[0]
+
+
+def test_a_material_for_eevee_alone_is_baked_and_aged(tmp_path):
+    material = new_material()
+    procedural(material)
+    material.node_tree.get_output_node("CYCLES").target = "EEVEE"
+    obj = plane(material)
+    before = settled(material)
+    read(material, obj, tmp_path)
+    assert np.ptp(read_maps(tmp_path / "maps")["Roughness"]) > 0.1
+    assert settled(material) == before

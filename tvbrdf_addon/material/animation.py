@@ -58,25 +58,35 @@ class AnimationBefore:
         if data is None:
             return
         action = data.action
-        original = _before(action)
-        if action and action != original and (original or not len(channels(owner))):
-            _assign(data, original, self.slot)
-            while action is not None and action != original and user_count(action) == 0:
-                held = action[TAG]
-                bpy.data.actions.remove(action)
-                action = held if isinstance(held, bpy.types.Action) else None
+        if action is not None and TAG in action:
+            now = _as_values(channels(owner))
+            same = [
+                each for each in _sources(action) if _as_values(_curves(each, self.slot)) == now
+            ]
+            if same or not len(channels(owner)):
+                _assign(data, same[-1] if same else None, self.slot)
+                _remove_unused(action)
+            else:
+                del action[TAG]  # the artist has changed it
         if hasattr(data, "last_slot_identifier") and data.action is None:
             data.last_slot_identifier = self.last_slot
         if not self.existed and not (data.action or data.drivers or data.nla_tracks):
             owner.animation_data_clear()
 
 
-def _before(action: bpy.types.Action | None) -> bpy.types.Action | None:
-    """What an action of ours is a copy of; None where ageing made it, itself if it is not ours."""
-    while action is not None and TAG in action:
-        held = action[TAG]
-        action = held if isinstance(held, bpy.types.Action) else None
-    return action
+def _sources(action: bpy.types.Action) -> list[bpy.types.Action]:
+    """What an action of ours was copied from, the nearest first."""
+    held = action.get(TAG)
+    return [held, *_sources(held)] if isinstance(held, bpy.types.Action) else []
+
+
+def _remove_unused(action: bpy.types.Action) -> None:
+    """Removes an action of ours that nothing uses, and those that it was copied from."""
+    if TAG in action and user_count(action) == 0:
+        sources = _sources(action)
+        bpy.data.actions.remove(action)
+        for each in sources[:1]:
+            _remove_unused(each)
 
 
 def own_action(owner: Animated, *, mark: bool = False) -> None:
@@ -109,14 +119,29 @@ def channels(owner: Animated) -> Sequence[bpy.types.FCurve]:
     data = owner.animation_data
     if data is None or data.action is None:
         return ()
-    if not hasattr(data, "action_slot"):  # 4.2, 4.3
-        return data.action.fcurves
-    for layer in data.action.layers:
+    slot = getattr(data, "action_slot", None)
+    return _curves(data.action, slot.identifier if slot else None)
+
+
+def _curves(action: bpy.types.Action, slot: str | None) -> Sequence[bpy.types.FCurve]:
+    """The F-curves of a slot of an action; up to Blender 4.3, which has no slots, all."""
+    if not hasattr(action, "slots"):
+        return action.fcurves
+    found = next((each for each in action.slots if each.identifier == slot), None)
+    for layer in action.layers:
         for strip in layer.strips:
-            bag = strip.channelbag(data.action_slot) if data.action_slot else None
+            bag = strip.channelbag(found) if found else None
             if bag is not None:
                 return bag.fcurves
     return ()
+
+
+def _as_values(curves: Sequence[bpy.types.FCurve]) -> list[tuple[object, ...]]:
+    return [
+        (curve.data_path, curve.array_index, point.interpolation, *point.co, *point.handle_right)
+        for curve in curves
+        for point in curve.keyframe_points
+    ]
 
 
 def key(

@@ -6,7 +6,7 @@ import bpy
 
 from ..errors import MaterialError
 from .onset import is_painted, is_shown
-from .record import is_aged
+from .record import is_aged, require_local
 from .space import choose_space
 from .surface import find_principled
 from .trace import SOCKETS, upstream
@@ -30,8 +30,10 @@ def why_not(
         return "There is no material to age: give the object one."
     owner = owner or material
     name = f"“{owner.name}”"
-    if material.library or material.override_library:
-        return f"{name} is linked from another file: use Object > Relations > Make Local first."
+    try:
+        require_local(owner)
+    except MaterialError as error:
+        return str(error)
     if material.is_grease_pencil:
         return f"{name} is a Grease Pencil material, which has no surface to age."
     if material.node_tree is None or not (bpy.app.version >= (5, 0) or material.use_nodes):

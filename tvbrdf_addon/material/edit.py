@@ -18,7 +18,7 @@ from .layout import Layout
 from .ownership import TAG
 from .pixels import read_exr_texel, set_as_data
 from .read import Reading
-from .record import Link, Record, SocketBefore, store
+from .record import Link, Record, SocketBefore, store, tagged
 from .result import AgedMap
 from .surface import find_principled
 from .trace import input_socket, is_animated
@@ -58,6 +58,8 @@ class Edit:
             animation=AnimationBefore.of(self.tree),
             links=tuple(Link.of(link) for link in self.tree.links),
         )
+        for node in tagged(self.tree):
+            del node[TAG]  # pasted from an aged material: the artist's here
         own_action(self.tree, mark=True)
         self.place = own_groups(place)
         self.layout = Layout(self.tree, (*self.place.groups, self.place.principled)[0])

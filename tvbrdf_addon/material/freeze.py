@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import bpy
 
 from ..errors import MaterialError
 from .age import hold_age
 from .animation import channels, own_action, remove_keys
-from .ownership import TAG, user_count
-from .record import is_aged, keyed_sockets, load, require_local, tagged
+from .record import is_aged, keyed_sockets, load, require_local, sequences, tagged
 from .trace import input_socket
 
 __all__ = ("freeze",)
@@ -22,24 +18,32 @@ _IN_TREE = "node_tree."
 def freeze(material: bpy.types.Material, frame: int) -> None:
     """Leaves `material` as it looks on `frame`; Revert still restores the original.
 
-    Age keeps its value of that frame, without keys, and moves nothing any more; where it was
-    deleted, what is shown now stays.  Of what the shader ages, `live.freeze` makes stills instead.
+    A texture remains of every map: that of the frame, or, between two, one that is packed into the
+    file.  Age keeps its value of that frame, without keys, and moves nothing any more; where it
+    was deleted, what is shown now stays.  Of what the shader ages, `live.freeze` makes stills.
     Raises `MaterialError`, with the material as it is, where it is not aged, another file has it,
     its record is lost, or a texture is missing.
     """
     if not is_aged(material):
         raise MaterialError(f"“{material.name}” is not aged.", "Age it first.")
     require_local(material)
-    record, tree = load(material), material.node_tree
-    textures = [node for node in tagged(tree) if node.type == "TEX_IMAGE"]
-    played = [each for each in textures if each.image and each.image.source == "SEQUENCE"]
+    # Only now: numpy, which it needs, has no part in starting Blender.
+    from .still import Fade, show, still
+
+    record, tree = load(material, material.name), material.node_tree
     last = record.frames - 1
     offsets = {
-        node: round(_driven(node.image_user, "frame_offset", frame, last)) for node in played
+        node: round(_driven(node.image_user, "frame_offset", frame, last))
+        for node in sequences(tree)
     }
-    stills = {node: _still(node.image, offset + 1) for node, offset in offsets.items()}
-    fades = [input_socket(node, "Factor_Float") for node in tagged(tree) if node.type == "MIX"]
-    factors = {fade: _driven(fade, "default_value", frame, last) for fade in fades}
+    stills = {node: still(node.image, offset + 1) for node, offset in offsets.items()}
+    mixes = {
+        node: input_socket(node, "Factor_Float") for node in tagged(tree) if node.type == "MIX"
+    }
+    factors = {
+        node: _driven(socket, "default_value", frame, last) for node, socket in mixes.items()
+    }
+    fades = [Fade.of(node, factor, stills) for node, factor in factors.items()]
     own_action(tree, mark=True)
     if record.age is not None:
         hold_age(material, record.age, frame)
@@ -48,10 +52,9 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     for node, offset in offsets.items():
         node.image_user.driver_remove("frame_offset")
         node.image_user.frame_offset = offset
-        _show(node, stills[node])
-    for fade, factor in factors.items():
-        fade.driver_remove("default_value")
-        fade.default_value = factor
+        show(node, stills[node])
+    for fade in fades:
+        fade.end(tree)
     tree.update_tag()
 
 
@@ -96,25 +99,3 @@ def _age(driver: bpy.types.Driver, frame: int) -> float | None:
         return owner.path_resolve(path)
     except ValueError:
         return None
-
-
-def _still(image: bpy.types.Image, number: int) -> str:
-    """The path of one image of a sequence."""
-    path = re.sub(r"\d+(?=\.exr$)", f"{number:04d}", image.filepath)
-    file = Path(bpy.path.abspath(path, library=image.library))
-    if not file.is_file():
-        raise MaterialError(
-            f"The texture {file} is missing.",
-            "Use File > External Data > Find Missing Files, or age the material again.",
-        )
-    return path
-
-
-def _show(node: bpy.types.ShaderNodeTexImage, path: str) -> None:
-    image = node.image
-    if user_count(image) > 1:  # a copy of the material plays it
-        image = image.copy()
-        image[TAG] = 1
-        node.image = image
-    image.source = "FILE"
-    image.filepath = path

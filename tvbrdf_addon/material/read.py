@@ -32,7 +32,7 @@ from .space import (
     is_direct,
     looked_up_by,
 )
-from .surface import find_principled
+from .surface import find_principled, why_not_in_eevee
 from .tiles import Tiles, tiles_of
 from .trace import SOCKETS, resolve, upstream
 from .unwrap import (
@@ -104,6 +104,8 @@ def read(
         sockets = {name: place.input(each) for name, each in SOCKETS.items()}
         behind = [pair for socket in sockets.values() for pair in upstream(socket, groups)]
         warnings = lost(sockets, space, material, frame)
+        if (unaged := why_not_in_eevee(place)) is not None:
+            warnings.append(unaged)
         if space.kind == "uv" and choose_space(place.principled, groups).kind == "texture":
             warnings.append(
                 f"The images of “{material.name}” are baked to the UV map, because what is painted "
@@ -185,7 +187,7 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
     """A copy of the material as it was before any ageing, to read from and to bake with."""
     copy = material.copy()
     try:
-        revert(copy)
+        revert(copy, owner=material)
         yield copy
     finally:
         data = copy.node_tree.animation_data if copy.node_tree else None

@@ -11,7 +11,7 @@ import bpy
 from ..errors import MaterialError
 from .animation import AnimationBefore
 from .decode import decoded
-from .ownership import TAG
+from .ownership import GROUP, TAG
 from .trace import is_animated
 
 __all__ = (
@@ -21,10 +21,13 @@ __all__ = (
     "find",
     "forget_names",
     "is_aged",
+    "is_live",
     "keyed_sockets",
     "load",
     "node_called",
+    "plays",
     "require_local",
+    "sequences",
     "store",
     "tagged",
 )
@@ -126,8 +129,8 @@ def store(material: bpy.types.Material, record: Record) -> None:
     material.tvbrdf.original = json.dumps({**head, **asdict(record)})
 
 
-def load(material: bpy.types.Material) -> Record:
-    """Reads the material's record; `MaterialError` where it is not what was written."""
+def load(material: bpy.types.Material, name: str) -> Record:
+    """Reads the material's record; `MaterialError` about `name` where it is not what was written."""
     try:
         data = json.loads(material.tvbrdf.original)
         if not isinstance(data, dict):
@@ -141,7 +144,7 @@ def load(material: bpy.types.Material) -> Record:
         return decoded(Record, data)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise MaterialError(
-            f"What “{material.name}” was before ageing cannot be read ({error}).",
+            f"What “{name}” was before ageing cannot be read ({error}).",
             "Update this extension if a newer one aged it; else append the material from an "
             "earlier save of the file.",
         ) from error
@@ -150,6 +153,25 @@ def load(material: bpy.types.Material) -> Record:
 def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
     """The nodes that ageing added."""
     return [node for node in tree.nodes if TAG in node]
+
+
+def sequences(tree: bpy.types.NodeTree) -> list[bpy.types.ShaderNodeTexImage]:
+    """Those of them that play textures."""
+    textures = (node for node in tagged(tree) if node.type == "TEX_IMAGE" and node.image)
+    return [node for node in textures if node.image.source == "SEQUENCE"]
+
+
+def is_live(material: bpy.types.Material) -> bool:
+    """Whether the shader ages the material.  Cheap: panels call it."""
+    nodes = tagged(material.node_tree) if material.node_tree is not None else ()
+    groups = (node.node_tree for node in nodes if node.type == "GROUP")
+    return any(group is not None and GROUP in group for group in groups)
+
+
+def plays(material: bpy.types.Material) -> bool:
+    """Whether the material shows textures that change over time: it is aged and not frozen."""
+    tree = material.node_tree
+    return is_aged(material) and tree is not None and bool(sequences(tree))
 
 
 def _name(node: bpy.types.Node) -> str:

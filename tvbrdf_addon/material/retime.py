@@ -48,7 +48,7 @@ def keyed_range(material: bpy.types.Material) -> tuple[float, float] | None:
 
 def _curves(material: bpy.types.Material) -> Iterator[bpy.types.FCurve]:
     """Those of the age, and of sockets that are keyed themselves."""
-    record, tree = load(material), material.node_tree
+    record, tree = load(material, material.name), material.node_tree
     sockets = keyed_sockets(tree, record)
     ours = {tree: {socket.path_from_id("default_value") for socket in sockets}}
     ours[material] = {property_path(record.age)} if record.age else set()

@@ -26,17 +26,19 @@ from .trace import input_socket
 __all__ = ("is_aged", "revert")
 
 
-def revert(material: bpy.types.Material) -> None:
+def revert(material: bpy.types.Material, *, owner: bpy.types.Material | None = None) -> None:
     """Restores the material from its record; what the artist changed since elsewhere in it stays.
 
-    Does nothing to a material that is not aged.  Raises `MaterialError`, with the material as it
+    Where `material` is a temporary copy, `owner` is the material that it stands for.  Does nothing
+    to a material that is not aged.  Raises `MaterialError`, with the material as it
     is, where the record or a node group is lost, and where another file has the material.
     """
     if not is_aged(material):
         return
     require_local(material)
-    record = load(material)
-    _require_fitting(material, record)
+    name = (owner or material).name
+    record = load(material, name)
+    _require_fitting(material, record, name)
     tree = material.node_tree
     own_action(tree)
     _remove_animation(tree, record)
@@ -52,7 +54,7 @@ def revert(material: bpy.types.Material) -> None:
     tree.update_tag()
 
 
-def _require_fitting(material: bpy.types.Material, record: Record) -> None:
+def _require_fitting(material: bpy.types.Material, record: Record, name: str) -> None:
     """Raises `MaterialError` where the record speaks of another tree than the material's."""
     tree = material.node_tree
     known = bpy.types.ShaderNodeBsdfPrincipled.bl_rna.properties["distribution"].enum_items
@@ -62,13 +64,13 @@ def _require_fitting(material: bpy.types.Material, record: Record) -> None:
         or record.distribution not in (None, *known.keys())
     ):
         raise MaterialError(
-            f"What “{material.name}” was before ageing does not fit its nodes.",
+            f"What “{name}” was before ageing does not fit its nodes.",
             "Append the material from an earlier save of the file.",
         )
     lost = originals_lost(tree)
     if lost:
         raise MaterialError(
-            f"The node group that “{lost[0]}” was made of for “{material.name}” was deleted.",
+            f"The node group that “{lost[0]}” was made of for “{name}” was deleted.",
             "Undo that, or append the group or the material from an earlier save of the file.",
         )
 

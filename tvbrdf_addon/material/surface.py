@@ -10,7 +10,7 @@ import bpy
 from ..errors import MaterialError
 from .trace import Principled, input_socket, is_animated, resolve
 
-__all__ = ("Place", "find_principled", "surfaces_missed")
+__all__ = ("Place", "find_principled", "why_not_in_eevee")
 
 _NAMES = {
     "MIX_SHADER": "a Mix Shader",
@@ -57,7 +57,8 @@ def find_principled(
     `MaterialError` where there is none, or more than one.
     """
     name = f"“{(owner or material).name}”"
-    output = _output(material, "CYCLES") or _output(material, "EEVEE")
+    tree = material.node_tree
+    output = tree.get_output_node("CYCLES") or tree.get_output_node("EEVEE")
     if output is None:
         raise MaterialError(
             f"{name} has no Material Output:",
@@ -84,24 +85,18 @@ def find_principled(
     raise MaterialError(f"The surface of {name} is {shows}{without}, which cannot be aged:", wanted)
 
 
-def surfaces_missed(material: bpy.types.Material, place: Place) -> tuple[str, ...]:
-    """What a second Material Output shows that is not aged with `place`, a sentence each."""
-    other = _output(material, "EEVEE")
+def why_not_in_eevee(place: Place) -> str | None:
+    """One sentence where EEVEE shows a surface that does not age with `place`; else None."""
+    other = place.output.id_data.get_output_node("EEVEE")
     if other is None or other == place.output:
-        return ()
-    if any(
-        (node, groups) == (place.principled, place.groups)
-        for node, groups in _shaders(other.inputs["Surface"])
-    ):
-        return ()
+        return None
+    shaders = _shaders(other.inputs["Surface"])
+    if any((node, groups) == (place.principled, place.groups) for node, groups in shaders):
+        return None
     return (
-        f"EEVEE shows another surface of “{material.name}”, that of “{other.name}”, which is not "
-        f"aged: connect the Principled BSDF “{place.principled.name}” to it, too.",
+        f"In EEVEE the material stays as it is, because “{other.name}” shows another surface: "
+        f"connect “{place.principled.name}” to it, too."
     )
-
-
-def _output(material: bpy.types.Material, engine: str) -> bpy.types.Node | None:
-    return material.node_tree.get_output_node(engine)
 
 
 def _listed(places: Sequence[Place]) -> str:

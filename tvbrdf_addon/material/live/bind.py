@@ -14,13 +14,11 @@ import bpy
 from ....model_runtime.live.evaluate import Curves
 from ...errors import MaterialError
 from ..edit import Edit
-from ..ownership import GROUP
 from ..pixels import read_exr
-from ..record import tagged
 from ..result import MAPS, LiveFiles
 from .group import AUTHORED, OUTPUTS, aged_group
 
-__all__ = ("Aged", "aged_by_shader", "is_live", "read_curves")
+__all__ = ("Aged", "aged_by_shader", "read_curves")
 
 Aged: TypeAlias = Mapping[str, Callable[[bpy.types.NodeSocket], None]]
 """What lets a socket show a map as it ages, by the map's name."""
@@ -48,12 +46,6 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
     # Both are in the order of the contract.
     sources = zip(_NAMES[maps.format], OUTPUTS[maps.format], strict=True)
     return {each: partial(edit.connect, node.outputs[output]) for each, output in sources}
-
-
-def is_live(material: bpy.types.Material) -> bool:
-    """Whether the shader ages the material.  Cheap: panels call it."""
-    groups = (node.node_tree for node in tagged(material.node_tree) if node.type == "GROUP")
-    return any(group is not None and GROUP in group for group in groups)
 
 
 _NAMES = {

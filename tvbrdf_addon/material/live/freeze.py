@@ -34,7 +34,7 @@ def freeze_live(
     with the material as it is, where it cannot be read or its result is gone.
     """
     require_local(material)
-    settings, record = material.tvbrdf, load(material)
+    settings, record = material.tvbrdf, load(material, material.name)
     folder = Path(bpy.path.abspath(settings.folder))
     files = read_result(folder)
     if not isinstance(files, LiveFiles) or record.age is None:
