@@ -35,7 +35,7 @@ def everything() -> Iterator[float]:
     for case in sorted((EXCHANGE / "cases").iterdir()):
         material = build(EXTENSION, case)
         yield 0.1
-        for _ in render_ages(material, ages, ENGINE, case):
+        for _ in render_ages(material, ages[case.name], ENGINE, case):
             yield 0.01
 
 
