@@ -41,6 +41,7 @@ class AgeRequest:
     onset: str = "auto"
     specular: str = "rgb"
     format: str | None = None
+    binding: str = "frames"
     sparse: bool = False
     seed: int = 0
 
@@ -57,27 +58,21 @@ def age(request: AgeRequest, reporter: object) -> dict:
     prefix = f".{request.output.name}.partial-"
     beside = Path(tempfile.mkdtemp(prefix=prefix, dir=request.output.parent))
     reporter.warning("The stub paints flat colours.")
-    files: dict[str, list[str]] = {
-        name: [] for name in ("base_color", "metallic", "specular", "roughness")
-    }
+    live = request.binding == "live"
+    files = _live(beside) if live else {}
     for frame in range(1, request.frames + 1):
         if reporter.cancelled():
             shutil.rmtree(beside)
             raise Cancelled
         time.sleep(seconds / request.frames)
         t = (frame - 1) / max(request.frames - 1, 1)
-        pixels = {
-            "base_color": (0.6 - 0.3 * t, 0.6 - 0.5 * t, 0.6 - 0.55 * t),
-            "metallic": (1.0 - t,),
-            "specular": (0.5,),
-            "roughness": (0.3 + 0.6 * t,),
-        }
-        for name, values in pixels.items():
-            files[name].append(f"{name}_{frame:04d}.exr")
-            write_exr(beside / files[name][-1], values)
+        if not live:
+            _write_frame(beside, files, frame, t)
         reporter.progress("modelling the change" if t < 0.5 else "writing", frame / request.frames)
     aged = {
         "format": "principled",
+        "binding": "live" if live else "frames",
+        "coefficients": int(live),
         "ntm": request.ntm,
         "frames": request.frames,
         "times": [k / max(request.frames - 1, 1) for k in range(request.frames)],
@@ -99,14 +94,43 @@ def age(request: AgeRequest, reporter: object) -> dict:
     return aged
 
 
-def write_exr(path: Path, values: tuple[float, ...]) -> None:
-    """A flat float EXR of SIDE x SIDE pixels without compression (OpenEXR file layout, 2013)."""
-    names = "BGR" if len(values) == 3 else "Y"
-    samples = values[::-1]
+def _write_frame(folder: Path, files: dict[str, list[str]], frame: int, t: float) -> None:
+    pixels = {
+        "base_color": (0.6 - 0.3 * t, 0.6 - 0.5 * t, 0.6 - 0.55 * t),
+        "metallic": (1.0 - t,),
+        "specular": (0.5,),
+        "roughness": (0.3 + 0.6 * t,),
+    }
+    for name, values in pixels.items():
+        file = f"{name}_{frame:04d}.exr"
+        files.setdefault(name, []).append(file)
+        write_exr(folder / file, [[values] * SIDE] * SIDE)
+
+
+def _live(folder: Path) -> dict[str, object]:
+    """Everything darkens to half of what it was, everywhere at once, and a little by one shape."""
+    gain, nothing = [(1.0,) * 3, (0.5,) * 3], [(0.0,) * 3] * 2
+    shape = [(0.0,) * 3, (0.1,) * 3]
+    write_exr(folder / "curves.exr", [gain] * 3 + [nothing] * 3 + [shape] * 3)
+    write_exr(folder / "timing.exr", [[(0.0, 1.0, 0.0)] * SIDE] * SIDE)
+    write_exr(folder / "coefficients_0.exr", [[(0.2, 0.0, 0.0)] * SIDE] * SIDE)
+    return {
+        "curves": "curves.exr",
+        "timing": "timing.exr",
+        "coefficients": ["coefficients_0.exr"],
+    }
+
+
+def write_exr(path: Path, rows: list[list[tuple[float, ...]]]) -> None:
+    """A float EXR of these pixels, its first row on top, without compression (OpenEXR file layout,
+    2013).
+    """
+    height, width, count = len(rows), len(rows[0]), len(rows[0][0])
     channels = b"".join(
-        name.encode() + b"\0" + struct.pack("<iB3xii", 2, 0, 1, 1) for name in names
+        name.encode() + b"\0" + struct.pack("<iB3xii", 2, 0, 1, 1)
+        for name in ("BGR" if count == 3 else "Y")
     )
-    window = struct.pack("<4i", 0, 0, SIDE - 1, SIDE - 1)
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
     header = struct.pack("<II", 20000630, 2)
     for name, kind, data in (
         ("channels", "chlist", channels + b"\0"),
@@ -122,11 +146,14 @@ def write_exr(path: Path, values: tuple[float, ...]) -> None:
             name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(data)) + data
         )
     header += b"\0"
-    line = b"".join(struct.pack("<f", sample) * SIDE for sample in samples)
-    start = len(header) + 8 * SIDE
-    offsets = [start + row * (8 + len(line)) for row in range(SIDE)]
-    rows = b"".join(struct.pack("<ii", row, len(line)) + line for row in range(SIDE))
-    path.write_bytes(header + struct.pack(f"<{SIDE}Q", *offsets) + rows)
+    lines = [
+        b"".join(struct.pack(f"<{width}f", *(p[c] for p in row)) for c in reversed(range(count)))
+        for row in rows
+    ]
+    start = len(header) + 8 * height
+    offsets = [start + row * (8 + len(lines[0])) for row in range(height)]
+    body = b"".join(struct.pack("<ii", i, len(line)) + line for i, line in enumerate(lines))
+    path.write_bytes(header + struct.pack(f"<{height}Q", *offsets) + body)
 
 
 stand_in = types.ModuleType("model_runtime.age")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import cli, forecast, operators, panels, preferences, properties, session
+from . import cli, follow, forecast, operators, panels, preferences, properties, session
 
 __all__ = ("CLASSES", "register", "unregister")
 
@@ -16,6 +16,7 @@ def register() -> None:
         bpy.utils.register_class(cls)
     properties.register()
     session.register()
+    follow.register()
     cli.register()
 
 
@@ -23,6 +24,7 @@ def unregister() -> None:
     # The worker first: it must be gone before Blender replaces the extension's files.
     session.unregister()
     operators.unregister()
+    follow.unregister()
     forecast.unregister()
     cli.unregister()
     properties.unregister()

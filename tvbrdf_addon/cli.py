@@ -109,7 +109,7 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
     elif arguments.size is not None:
         settings.size = arguments.size
     for name in (
-        "steps", "quality", "tolerance", "temporal_model", "seed", "format", "specular"
+        "steps", "quality", "tolerance", "temporal_model", "seed", "binding", "format", "specular"
     ):  # fmt: skip
         if (value := getattr(arguments, name)) is not None:
             setattr(settings, name, value)
@@ -230,6 +230,7 @@ def _parser() -> argparse.ArgumentParser:
     for option, items in (
         ("--quality", properties.QUALITIES),
         ("--temporal-model", properties.TEMPORAL_MODELS),
+        ("--binding", properties.BINDINGS),
         ("--format", properties.FORMATS),
         ("--specular", properties.SPECULARS),
     ):

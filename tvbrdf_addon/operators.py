@@ -1,4 +1,4 @@
-"""Age, cancel, revert, freeze."""
+"""Age, bake frames, cancel, revert, freeze."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from .errors import SettingsError
 from .forecast import is_worth_a_preview
 from .log import is_cancel, said_of
 from .material.freeze import freeze
+from .material.record import is_live
 from .material.revert import is_aged, revert
-from .run import Run, why_not
+from .run import Run, object_with, why_not
 
 __all__ = ("CLASSES", "find_material", "material_of", "unregister")
 
@@ -91,13 +92,12 @@ def _shown(context: bpy.types.Context) -> bool:
     return context.area is not None and context.area.type in {"NODE_EDITOR", "PROPERTIES"}
 
 
-class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
-    """Age the material over the frame range. It stays yours: Revert brings the original back"""
+class _Ages(_OnMaterial):
+    """An operator that ages the material, bound as `binding` says: None is as its settings do."""
 
-    bl_idname = "tvbrdf.age_material"
-    bl_label = "Age Material"
     # All edits are made in the last step, so that one undo takes them back.
     bl_options: ClassVar[set[str]] = {"UNDO"}
+    binding: ClassVar[str | None] = None
 
     object: bpy.props.StringProperty(
         name="Object",
@@ -128,7 +128,7 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            run = session.age_and_wait(*self.target(context), self.object)
+            run = session.age_and_wait(*self.target(context), self.object, binding=self.binding)
         except (Exception, KeyboardInterrupt) as error:
             return self.refuse(error)
         for warning in run.warnings:
@@ -143,7 +143,9 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
         try:
             material, scene = self.target(context)
             preview = is_worth_a_preview(material, scene)
-            self._run = session.begin(material, scene, self.object, preview=preview)
+            self._run = session.begin(
+                material, scene, self.object, preview=preview, binding=self.binding
+            )
         except Exception as error:
             return self.refuse(error)
         _timer = context.window_manager.event_timer_add(TICK, window=context.window)
@@ -182,6 +184,21 @@ class TVBRDF_OT_age_material(_OnMaterial, bpy.types.Operator):
         _remove_timer()
         session.finish(self._run, icon=icon, sentences=sentences)
         _redraw(context)
+
+
+class TVBRDF_OT_age_material(_Ages, bpy.types.Operator):
+    """Age the material over the frame range. It stays yours: Revert brings the original back"""
+
+    bl_idname = "tvbrdf.age_material"
+    bl_label = "Age Material"
+
+
+class TVBRDF_OT_bake_frames(_Ages, bpy.types.Operator):
+    """Age the material again as image sequences, which other programs and exporters understand"""
+
+    bl_idname = "tvbrdf.bake_frames"
+    bl_label = "Bake Frames"
+    binding = "frames"
 
 
 class TVBRDF_OT_cancel(bpy.types.Operator):
@@ -252,7 +269,13 @@ class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             material, scene = self.aged_target(context)
-            freeze(material, scene.frame_current)
+            if is_live(material):
+                # Only now: numpy, which it needs, has no part in starting Blender.
+                from .material.live.freeze import freeze_live
+
+                freeze_live(material, object_with(material, scene), scene)
+            else:
+                freeze(material, scene.frame_current)
         except Exception as error:
             return self.refuse(error)
         return {"FINISHED"}
@@ -277,4 +300,10 @@ def _redraw(context: bpy.types.Context) -> None:
                 area.tag_redraw()
 
 
-CLASSES = (TVBRDF_OT_age_material, TVBRDF_OT_cancel, TVBRDF_OT_revert, TVBRDF_OT_freeze)
+CLASSES = (
+    TVBRDF_OT_age_material,
+    TVBRDF_OT_bake_frames,
+    TVBRDF_OT_cancel,
+    TVBRDF_OT_revert,
+    TVBRDF_OT_freeze,
+)

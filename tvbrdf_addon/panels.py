@@ -13,8 +13,10 @@ from . import properties, session
 from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
 from .log import said_of
+from .material.age import age_path
 from .material.chosen import object_with
 from .material.onset import is_invertible
+from .material.record import is_live
 from .material.revert import is_aged
 from .operators import material_of
 from .plain import plain
@@ -141,11 +143,15 @@ def _draw_action(
     else:
         _draw_forecast(layout, context, material)
     if aged:
+        if (path := age_path(material)) is not None:
+            layout.prop(material, path, text="Age", slider=True)
         row = layout.row(align=True)
         row.operator("tvbrdf.revert", icon="LOOP_BACK")
         row.operator(
             "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
         )
+        if is_live(material):
+            layout.operator("tvbrdf.bake_frames", icon="RENDER_ANIMATION")
         if said := left_out(material):
             _paragraph(layout, context, said, "ERROR")
 
@@ -220,6 +226,7 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     row.prop(settings, "tolerance", text="Tolerance (dB)")
     column.prop(settings, "specular")
     column.separator()
+    column.prop(settings, "binding")
     column.prop(settings, "format")
     box = column.box()
     chosen = next(item for item in properties.FORMATS if item[0] == settings.format)

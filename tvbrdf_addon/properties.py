@@ -10,6 +10,7 @@ from ..model_runtime import package
 from ..model_runtime.request import MOST_FRAMES
 from . import preferences
 from .material.ownership import TAG
+from .material.retime import retime
 from .models import OWN_FILE, enum_number, models_in
 
 __all__ = (
@@ -73,6 +74,20 @@ FORMATS = (
         "materials and for comparisons",
     ),
 )
+BINDINGS = (
+    (
+        "live",
+        "Live",
+        "The shader ages your own nodes at any age: small files, no reloading, and an age of its "
+        "own for every object that has a property Age",
+    ),
+    (
+        "frames",
+        "Frames",
+        "Image sequences, which other programs and exporters understand: larger, and slower to "
+        "play",
+    ),
+)
 SPECULARS = (
     ("rgb", "Coloured", "Highlights may take on a colour, as metals do"),
     ("mono", "Grey", "Highlights stay grey"),
@@ -86,7 +101,11 @@ def _model_items(
 
 
 def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
-    self.use_scene_range = False
+    self.use_scene_range = False  # which moves the keys
+
+
+def _move_keys(self: TVBRDF_PG_material, context: bpy.types.Context) -> None:
+    retime(self.id_data, *frame_range(self.id_data, context.scene))
 
 
 def _leave_camera_size(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
@@ -122,6 +141,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Scene Range",
         description="Age over the scene's frame range",
         default=True,
+        update=_move_keys,
     )
     frame_start: bpy.props.IntProperty(
         name="First Frame",
@@ -237,8 +257,19 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         items=FORMATS,
         default="as-authored",
     )
+    binding: bpy.props.EnumProperty(
+        name="Shown As",
+        description="How the aged material is kept and shown",
+        items=BINDINGS,
+        default="live",
+    )
     original: bpy.props.StringProperty(
         description="What Revert restores, as JSON; empty while the material is not aged",
+        options={"HIDDEN"},
+    )
+    keyed: bpy.props.IntVectorProperty(
+        description="The first and last frame that ageing was keyed on",
+        size=2,
         options={"HIDDEN"},
     )
     is_preview: bpy.props.BoolProperty(

@@ -56,8 +56,15 @@ class Plan:
     request: dict[str, Any]
 
 
-def plan(material: bpy.types.Material, scene: bpy.types.Scene, object_name: str = "") -> Plan:
-    """What ageing `material` with its settings will do; looks, and changes nothing.
+def plan(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    object_name: str = "",
+    *,
+    binding: str | None = None,
+) -> Plan:
+    """What ageing `material` with its settings will do, bound as they say unless `binding` says
+    otherwise; looks, and changes nothing.
 
     It is read from the object called `object_name`, or else from one that shows it.
 
@@ -95,6 +102,7 @@ def plan(material: bpy.types.Material, scene: bpy.types.Scene, object_name: str 
             "specular": settings.specular,
             "format": "principled" if settings.format == "as-authored" else "principled-exact",
             "seed": settings.seed,
+            "binding": binding or settings.binding,
             "sparse": settings.quality != "exact",
         },
     )

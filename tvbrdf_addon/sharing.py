@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .material.record import plays
+from .material.record import is_live, plays
 
 __all__ = ("GltfHook", "left_out")
 
@@ -29,7 +29,7 @@ class GltfHook:
     def gather_material_hook(
         self, _gltf: Any, material: bpy.types.Material, export_settings: dict[str, Any]
     ) -> None:
-        if plays(material):
+        if plays(material) or is_live(material):
             export_settings["log"].warning(
                 f"“{material.name}” changes over time, which glTF cannot show, and is exported "
                 "without textures: press Freeze at the frame to show, and export again.",

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
-__all__ = ("EXACT_F0", "exact", "forward", "read_back", "representable")
+__all__ = ("EXACT_F0", "PULL", "exact", "forward", "read_back", "representable")
 
 EXACT_F0 = 0.8
 """F0 of IOR 17.94: with Specular Tint = Ks / 0.8 the node's Fresnel term is flat."""
@@ -27,7 +27,7 @@ EXACT_F0 = 0.8
 _CHUNK = 1 << 15
 """Texels worked on at a time: their intermediate values stay in the cache."""
 
-_PULL = 2e-4
+PULL = 2e-4
 """How strongly the authored metallic is kept: at half this share of Kd or Ks at most."""
 
 _TINY = 1e-30
@@ -183,7 +183,7 @@ class _Texels:
         along = kd_along + ks_along
         across = kd + ks
         across -= np.multiply(along, tint, out=scratch)
-        pull = np.square(np.minimum(kd_along, ks_along) * _PULL)
+        pull = np.square(np.minimum(kd_along, ks_along) * PULL)
         pull += np.square(along * 1e-6)
         pull += _TINY
         np.subtract(ks, np.multiply(ks_along, tint, out=scratch), out=scratch)

@@ -61,7 +61,9 @@ def show_result(extension: str, material: bpy.types.Material, folder: Path) -> d
     reading = read.Reading(size, read.TextureSize(max(size), ""), False, None, ())
     bind.bind(material=material, reading=reading, folder=folder, frame_start=1, frame_end=frames)
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, frames
-    textures = [node for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
+    groups = [node.node_tree for node in material.node_tree.nodes if node.type == "GROUP"]
+    nodes = [node for tree in (material.node_tree, *groups) for node in tree.nodes]
+    textures = [node for node in nodes if node.type == "TEX_IMAGE"]
     sequences = sum(node.image.source == "SEQUENCE" for node in textures)
     return {
         "result": folder.name,

@@ -4,9 +4,9 @@
         [--frames 9] [--no-window]
 
 A result is what `age` wrote, `aged.json` and its files.  Without any, random ones are made: one
-with a file for each frame and one with a file for every fourth, of each size.  Prints and leaves
-`scrubbing.json`.  The window is that of `windowed-blender` (../shared/tools), whose OpenGL is
-software: compare its figures with those of the same scene unaged, not with a GPU's.
+with a file for each frame, one with a file for every fourth, and a live one, of each size.  Prints
+and leaves `scrubbing.json`.  The window is that of `windowed-blender` (../shared/tools), whose
+OpenGL is software: compare its figures with those of the same scene unaged, not with a GPU's.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 from model_runtime.images import write_exr  # noqa: E402
+from tests.blender.live_cases import made_up_live  # noqa: E402
 from tests.blender.test_windowed import BLENDER, TOOL, unpack_numpy  # noqa: E402
 
 EVERY = 4
@@ -82,6 +83,7 @@ def gather(results: list[Path], place: Path, sizes: list[int], frames: int) -> l
         for size in sizes:
             for kind, every in (("every_frame", 1), ("sparse", EVERY)):
                 make_result(place / f"{kind}_{size}", size, frames, every)
+            made_up_live(place / f"live_{size}", size=(size, size))
     return sorted(place.iterdir())
 
 

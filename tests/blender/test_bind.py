@@ -61,21 +61,23 @@ def sockets_of(material):
     return principled_of(material).inputs
 
 
-def test_age_is_a_keyed_value_and_drivers_are_simple(tmp_path):
+def test_age_is_a_keyed_property_and_drivers_are_simple(tmp_path):
     material = new_material()
     procedural(material)
     bind(material, plane(material), made_up(tmp_path / "aged"), tmp_path, span=(5, 25))
-    age = material.node_tree.nodes["Age"]
     from tvbrdf.tvbrdf_addon.material.animation import channels
 
-    (curve,) = [c for c in channels(material.node_tree) if "Age" in c.data_path]
+    (curve,) = channels(material)
+    assert curve.data_path == '["Age"]'
     assert [tuple(p.co) for p in curve.keyframe_points] == [(5, 0), (25, 1)]
     assert {p.interpolation for p in curve.keyframe_points} == {"LINEAR"}
-    assert age.type == "VALUE"
-    assert age.label == "Age"
+    settings = material.id_properties_ui("Age").as_dict()
+    assert (settings["min"], settings["max"]) == (0, 1)
     drivers = material.node_tree.animation_data.drivers
     assert len(drivers) == 4 * 3
     assert all(each.driver.is_simple_expression for each in drivers)
+    targets = [each.driver.variables[0].targets[0] for each in drivers]
+    assert {(each.id, each.data_path) for each in targets} == {(material, '["Age"]')}
 
 
 @pytest.mark.parametrize(
@@ -140,7 +142,7 @@ def test_moving_the_keys_of_age_retimes(tmp_path):
     emitting(material)
     from tvbrdf.tvbrdf_addon.material.animation import channels
 
-    for curve in channels(material.node_tree):
+    for curve in channels(material):
         for point, at in zip(curve.keyframe_points, (101, 110), strict=True):
             point.co.x = at
         curve.update()

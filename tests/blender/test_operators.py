@@ -14,6 +14,7 @@ import pytest
 
 from tvbrdf.tvbrdf_addon import session
 from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
+from tvbrdf.tvbrdf_addon.material.record import is_live
 from tvbrdf.tvbrdf_addon.material.revert import is_aged
 from tvbrdf.tvbrdf_addon.run import Run
 
@@ -56,7 +57,9 @@ def steel() -> bpy.types.Material:
 
 
 def image_folders(material: bpy.types.Material) -> set[str]:
-    images = [node.image for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
+    groups = [node.node_tree for node in material.node_tree.nodes if node.type == "GROUP"]
+    nodes = [node for tree in (material.node_tree, *groups) for node in tree.nodes]
+    images = [node.image for node in nodes if node.type == "TEX_IMAGE"]
     return {Path(bpy.path.abspath(image.filepath)).parent.name for image in images if image}
 
 
@@ -82,11 +85,10 @@ def test_age_a_material_by_name(folder: Path):
 def test_the_range_is_keyed(folder: Path):
     steel().tvbrdf.frame_start, steel().tvbrdf.frame_end = 11, 51
     age()
-    value = steel().node_tree.nodes["Age"].outputs[0]
     ages = {}
     for frame in (1, 11, 31, 51, 60):
         bpy.context.scene.frame_set(frame)
-        ages[frame] = value.default_value
+        ages[frame] = steel()["Age"]
     assert ages == pytest.approx({1: 0.0, 11: 0.0, 31: 0.5, 51: 1.0, 60: 1.0})
 
 
@@ -103,9 +105,23 @@ def test_freeze(folder: Path):
     bpy.context.scene.frame_set(10)
     assert bpy.ops.tvbrdf.freeze() == {"FINISHED"}
     assert is_aged(steel())
+    assert not is_live(steel())
+    assert image_folders(steel()) == {"frame 10"}
     assert bpy.ops.tvbrdf.revert() == {"FINISHED"}
     with pytest.raises(RuntimeError, match="not aged"):
         bpy.ops.tvbrdf.freeze(material="Steel")
+
+
+def test_bake_frames(folder: Path):
+    age()
+    assert is_live(steel())
+    assert bpy.ops.tvbrdf.bake_frames() == {"FINISHED"}
+    assert not is_live(steel())
+    assert "SEQUENCE" in {image.source for image in bpy.data.images}
+    assert image_folders(steel()) == {"Steel.001"}
+    assert len(list((folder / "aged" / "Steel.001").glob("base_color_*.exr"))) == STEPS
+    assert age() == {"FINISHED"}
+    assert is_live(steel())
 
 
 def test_two_materials_do_not_share_a_folder(folder: Path):

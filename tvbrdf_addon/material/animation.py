@@ -1,28 +1,33 @@
-"""Keys and drivers of a node tree, the same way in Blender 4.2 to 5.x."""
+"""Keys and drivers of a material and its node tree, the same way in Blender 4.2 to 5.x."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import bpy
 
 from .ownership import TAG, user_count
 
 __all__ = (
+    "Animated",
     "AnimationBefore",
     "channels",
     "drive_by_age",
     "key",
+    "key_property",
     "own_action",
+    "property_path",
     "remove_keys",
 )
+
+Animated: TypeAlias = bpy.types.NodeTree | bpy.types.Material | bpy.types.Object
 
 
 @dataclass(frozen=True)
 class AnimationBefore:
-    """The animation data of a node tree before ageing touched it."""
+    """The animation data of a material, or its node tree, before ageing touched it."""
 
     existed: bool
     action: str | None = None
@@ -30,8 +35,8 @@ class AnimationBefore:
     last_slot: str = ""
 
     @classmethod
-    def of(cls, tree: bpy.types.NodeTree) -> AnimationBefore:
-        data = tree.animation_data
+    def of(cls, owner: Animated) -> AnimationBefore:
+        data = owner.animation_data
         if data is None:
             return cls(existed=False)
         slot = getattr(data, "action_slot", None)
@@ -42,23 +47,23 @@ class AnimationBefore:
             last_slot=getattr(data, "last_slot_identifier", ""),
         )
 
-    def claim(self, tree: bpy.types.NodeTree) -> None:
-        """Marks an action that ageing gave the tree, so that it is known to be ours later."""
-        if self.action is None and tree.animation_data and tree.animation_data.action:
-            tree.animation_data.action[TAG] = 1
+    def claim(self, owner: Animated) -> None:
+        """Marks an action that ageing gave the owner, so that it is known to be ours later."""
+        if self.action is None and owner.animation_data and owner.animation_data.action:
+            owner.animation_data.action[TAG] = 1
 
-    def restore(self, tree: bpy.types.NodeTree) -> None:
+    def restore(self, owner: Animated) -> None:
         """Puts back the action that was there; one of ours with nothing left in it goes."""
-        data = tree.animation_data
+        data = owner.animation_data
         if data is None:
             return
         action = data.action
         if action is not None and TAG in action:
-            now = _as_values(channels(tree))
+            now = _as_values(channels(owner))
             same = [
                 each for each in _sources(action) if _as_values(_curves(each, self.slot)) == now
             ]
-            if same or not len(channels(tree)):
+            if same or not len(channels(owner)):
                 _assign(data, same[-1] if same else None, self.slot)
                 _remove_unused(action)
             else:
@@ -66,7 +71,7 @@ class AnimationBefore:
         if hasattr(data, "last_slot_identifier") and data.action is None:
             data.last_slot_identifier = self.last_slot
         if not self.existed and not (data.action or data.drivers or data.nla_tracks):
-            tree.animation_data_clear()
+            owner.animation_data_clear()
 
 
 def _sources(action: bpy.types.Action) -> list[bpy.types.Action]:
@@ -84,13 +89,13 @@ def _remove_unused(action: bpy.types.Action) -> None:
             _remove_unused(each)
 
 
-def own_action(tree: bpy.types.NodeTree, *, mark: bool = False) -> None:
-    """Gives the tree a copy of an action that it shares, so that no other tree is touched.
+def own_action(owner: Animated, *, mark: bool = False) -> None:
+    """Gives its owner a copy of an action that it shares, so that no other one is touched.
 
     With `mark` the copy is known to be ours and holds what it was made of, which
     `AnimationBefore.restore` puts back.
     """
-    data = tree.animation_data
+    data = owner.animation_data
     if data is None or data.action is None:
         return
     shared = data.action
@@ -109,9 +114,9 @@ def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, slot: str
         data.action_slot = slots.get(slot, data.action_slot)
 
 
-def channels(block: bpy.types.NodeTree | bpy.types.Object) -> Sequence[bpy.types.FCurve]:
-    """The F-curves that animate a block: Blender's own collection, or nothing."""
-    data = block.animation_data
+def channels(owner: Animated) -> Sequence[bpy.types.FCurve]:
+    """The F-curves that animate a data-block: Blender's own collection, or nothing."""
+    data = owner.animation_data
     if data is None or data.action is None:
         return ()
     slot = getattr(data, "action_slot", None)
@@ -143,19 +148,45 @@ def key(
     socket: bpy.types.NodeSocket, values: Sequence[float | Sequence[float]], at: Sequence[float]
 ) -> None:
     """Keys `socket.default_value` to `values` at the frames `at`, straight from key to key."""
+    _give_action(socket.id_data)
     for value, frame in zip(values, at, strict=True):
         socket.default_value = value
         socket.keyframe_insert("default_value", frame=frame)
-    path = socket.path_from_id("default_value")
-    for curve in channels(socket.id_data):
+    _straighten(socket.id_data, socket.path_from_id("default_value"))
+
+
+def key_property(owner: Animated, name: str, values: Sequence[float], at: Sequence[float]) -> None:
+    """`key` for a custom property of a data-block."""
+    _give_action(owner)
+    path = property_path(name)
+    for value, frame in zip(values, at, strict=True):
+        owner[name] = value
+        owner.keyframe_insert(path, frame=frame)
+    _straighten(owner, path)
+
+
+def property_path(name: str) -> str:
+    """The data path of a custom property."""
+    return f'["{bpy.utils.escape_identifier(name)}"]'
+
+
+def _give_action(owner: Animated) -> None:
+    """An action of its own: without one Blender (4.4 on) would key in that of a related one."""
+    data = owner.animation_data or owner.animation_data_create()
+    if data.action is None:
+        data.action = bpy.data.actions.new(f"{owner.name} Age")
+
+
+def _straighten(owner: Animated, path: str) -> None:
+    for curve in channels(owner):
         if curve.data_path == path:
             for point in curve.keyframe_points:
                 point.interpolation = "LINEAR"
 
 
-def remove_keys(tree: bpy.types.NodeTree, path: str) -> None:
+def remove_keys(owner: Animated, path: str) -> None:
     """Takes away the F-curves of a property."""
-    curves = channels(tree)
+    curves = channels(owner)
     for curve in [each for each in curves if each.data_path == path]:
         curves.remove(curve)
 
@@ -163,32 +194,34 @@ def remove_keys(tree: bpy.types.NodeTree, path: str) -> None:
 def drive_by_age(
     driven: bpy.types.bpy_struct,
     path: str,
-    points: Sequence[tuple[int, float]],
-    interpolation: Literal["CONSTANT", "LINEAR"],
     *,
-    age: bpy.types.NodeSocket,
-    last: int,
     material: bpy.types.Material,
+    age: str,
+    last: int = 1,
+    points: Sequence[tuple[int, float]] = (),
+    interpolation: Literal["CONSTANT", "LINEAR"] = "LINEAR",
 ) -> None:
-    """Drives the property `path` of `driven` along a curve through `points`.
+    """Drives the property `path` of `driven` by the custom property `age` of the material: with
+    its value, or along a curve through `points`.
 
-    A point is a modelled frame, from 0 at Age 0 to `last` at Age 1, and the value from there on or
-    there.  The expression is a simple one: Blender evaluates it, and the curve, without Python, so
-    it also works in a file whose scripts may not run.
+    A point is a modelled frame, from 0 at Age 0 to `last` at Age 1, and the value from there on
+    or there.  The expression is a simple one: Blender evaluates it, and the curve, without Python,
+    so it also works in a file whose scripts may not run.
     """
     curve = driven.driver_add(path)
-    for modifier in list(curve.modifiers):
-        curve.modifiers.remove(modifier)
+    if points:
+        for modifier in list(curve.modifiers):
+            curve.modifiers.remove(modifier)
     for frame, value in points:
         curve.keyframe_points.insert(frame, value).interpolation = interpolation
     driver = curve.driver
     variable = driver.variables.new()
     variable.name = "age"
     target = variable.targets[0]
-    # By way of the material: a driver that names the node tree inside it forgets it in the file.
+    # A property of the material: one of the tree would depend on the tree that it drives.
     target.id_type = "MATERIAL"
     target.id = material
-    target.data_path = f"node_tree.{age.path_from_id('default_value')}"
+    target.data_path = property_path(age)
     driver.type = "SCRIPTED"
     driver.expression = f"clamp(age) * {last}"
     assert driver.is_simple_expression

@@ -1,8 +1,10 @@
-"""Binds aged maps to a material: image sequences or keyed sockets, moved by one Age value."""
+"""Binds a result to a material: live, or as image sequences or keyed sockets; Age moves it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -10,11 +12,12 @@ import bpy
 from ..errors import MaterialError
 from .check import why_no_surface
 from .edit import Edit
+from .live.bind import Aged, aged_by_shader
 from .read import Reading
-from .result import AgedMaps, read_result
+from .result import AgedMaps, LiveFiles, read_result
 from .revert import revert
 
-__all__ = ("bind",)
+__all__ = ("bind", "bind_stills")
 
 _AUTHORED = {
     "base_color": "Base Color",
@@ -49,40 +52,78 @@ def bind(
             "Choose a last frame after the first.",
         )
     result = read_result(folder)
+    live = isinstance(result, LiveFiles)
+    return _show(
+        material,
+        reading,
+        partial(aged_by_shader if live else _frames, maps=result),
+        format=result.format,
+        span=(frame_start, frame_end),
+        times=() if live else result.times,
+    )
+
+
+def bind_stills(material: bpy.types.Material, reading: Reading, stills: AgedMaps) -> None:
+    """Shows maps that have one file each, all of them and for good; Revert as after `bind`."""
+    _show(material, reading, partial(_maps, maps=stills), format=stills.format)
+
+
+def _show(
+    material: bpy.types.Material,
+    reading: Reading,
+    aged: Callable[[Edit], Aged],
+    *,
+    format: str,
+    span: tuple[int, int] = (0, 1),
+    times: Sequence[float] = (),
+) -> tuple[str, ...]:
     revert(material)
     reason = why_no_surface(material)
     if reason:
         raise MaterialError(reason)
-    edit = Edit(material, reading, result.times, (frame_start, frame_end))
+    edit = Edit(material, reading, span, times)
     try:
-        warnings = _FORMATS[result.format](edit, result)
+        warnings = _FORMATS[format](edit, aged(edit))
     except Exception:
         edit.finish()
         revert(material)
         raise
     edit.finish()
+    material.tvbrdf.keyed = span
     return tuple(warnings)
 
 
-def _bind_authored(edit: Edit, result: AgedMaps) -> list[str]:
-    """The artist's parameters, changed; what never changes keeps what fed it."""
-    for aged in result.maps:
-        if aged.changes:
-            edit.show(aged, edit.input(_AUTHORED[aged.name]))
+def _maps(edit: Edit, maps: AgedMaps) -> Aged:
+    return {
+        each.name: partial(edit.show, each, transform=math.sqrt if each.name == "alpha" else None)
+        for each in maps.maps
+    }
+
+
+def _frames(edit: Edit, maps: AgedMaps) -> Aged:
+    """The maps over time.  As authored, what never changes keeps what fed it."""
+    kept = {each.name for each in maps.maps if not each.changes and maps.format == "principled"}
+    return {name: show for name, show in _maps(edit, maps).items() if name not in kept}
+
+
+def _bind_authored(edit: Edit, aged: Aged) -> list[str]:
+    """The artist's parameters, changed."""
+    for name, show in aged.items():
+        show(edit.input(_AUTHORED[name]))
     return []
 
 
-def _bind_exact(edit: Edit, result: AgedMaps) -> list[str]:
+def _bind_exact(edit: Edit, aged: Aged) -> list[str]:
     """A flat Fresnel term on the Principled BSDF: F0 = 0.8 times Specular Tint = Ks."""
     edit.use_ggx()
     for identifier, value in _EXACT_CONSTANTS.items():
         edit.fix(edit.input(identifier), value)
-    for aged in result.maps:
-        edit.show(aged, edit.input(_EXACT[aged.name]))
+    for name, show in aged.items():
+        show(edit.input(_EXACT[name]))
     return []
 
 
-def _bind_torrance_sparrow(edit: Edit, result: AgedMaps) -> list[str]:
+def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
     """Diffuse and Glossy BSDF added, which have no Fresnel term and no bound on Ks."""
     diffuse = edit.layout.add("ShaderNodeBsdfDiffuse", "Diffuse", column=-1, row=0)
     glossy = edit.layout.add("ShaderNodeBsdfAnisotropic", "Specular", column=-1, row=1)
@@ -90,13 +131,10 @@ def _bind_torrance_sparrow(edit: Edit, result: AgedMaps) -> list[str]:
     both = edit.layout.add("ShaderNodeAddShader", "Diffuse and Specular", column=-2, row=0)
     for shader, slot in zip((diffuse, glossy), both.inputs, strict=True):
         edit.tree.links.new(shader.outputs[0], slot)
-        _follow(edit, "Normal", shader.inputs["Normal"])
-    sockets = {"kd": diffuse.inputs["Color"], "ks": glossy.inputs["Color"]}
-    for aged in result.maps:
-        if aged.name == "alpha":
-            edit.show(aged, glossy.inputs["Roughness"], math.sqrt)
-        else:
-            edit.show(aged, sockets[aged.name])
+        edit.follow("Normal", shader.inputs["Normal"])
+    aged["kd"](diffuse.inputs["Color"])
+    aged["ks"](glossy.inputs["Color"])
+    aged["alpha"](glossy.inputs["Roughness"])
     surface = _with_transparency(edit, _with_emission(edit, both.outputs[0]))
     edit.replace_shader(surface)
     lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
@@ -119,8 +157,8 @@ def _with_emission(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.NodeS
     if not _used(edit.input("Emission Strength"), 0.0):
         return surface
     emission = edit.layout.add("ShaderNodeEmission", "Emission", column=-2, row=1)
-    _follow(edit, "Emission Color", emission.inputs["Color"])
-    _follow(edit, "Emission Strength", emission.inputs["Strength"])
+    edit.follow("Emission Color", emission.inputs["Color"])
+    edit.follow("Emission Strength", emission.inputs["Strength"])
     both = edit.layout.add("ShaderNodeAddShader", "Add Emission", column=-3, row=0)
     edit.tree.links.new(surface, both.inputs[0])
     edit.tree.links.new(emission.outputs[0], both.inputs[1])
@@ -132,7 +170,7 @@ def _with_transparency(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.N
         return surface
     transparent = edit.layout.add("ShaderNodeBsdfTransparent", "Transparent", column=-3, row=1)
     mix = edit.layout.add("ShaderNodeMixShader", "Alpha", column=-4, row=0)
-    _follow(edit, "Alpha", mix.inputs["Fac"])
+    edit.follow("Alpha", mix.inputs["Fac"])
     edit.tree.links.new(transparent.outputs[0], mix.inputs[1])
     edit.tree.links.new(surface, mix.inputs[2])
     return mix.outputs[0]
@@ -140,12 +178,3 @@ def _with_transparency(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.N
 
 def _used(socket: bpy.types.NodeSocket, neutral: float) -> bool:
     return socket.is_linked or socket.default_value != neutral
-
-
-def _follow(edit: Edit, identifier: str, socket: bpy.types.NodeSocket) -> None:
-    """Feeds a new socket with what feeds the Principled BSDF's."""
-    original = edit.input(identifier)
-    if original.is_linked:
-        edit.tree.links.new(edit.outside(original.links[0].from_socket), socket)
-    elif identifier != "Normal":
-        socket.default_value = original.default_value

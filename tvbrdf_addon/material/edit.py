@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..errors import MaterialError
+from .age import give_age
 from .animation import AnimationBefore, drive_by_age, key, own_action
 from .groups import feed, own_groups, shown_outside
 from .layout import Layout
@@ -30,16 +31,17 @@ Transform: TypeAlias = Callable[[float], float]
 class Edit:
     """One edit of a material under way: adds nodes, takes sockets over, shows maps on them.
 
-    `times` are the ages of the modelled frames, `span` the first and last frame of the scene that
-    they are spread over.  `finish` writes the record; call it also before undoing a failed edit.
+    `span` are the first and last frame of the scene that ages 0 to 1 are spread over, `times` the
+    ages of the modelled frames, if there are such.  `finish` writes the record; call it also
+    before undoing a failed edit.
     """
 
     def __init__(
         self,
         material: bpy.types.Material,
         reading: Reading,
-        times: Sequence[float],
         span: tuple[int, int],
+        times: Sequence[float] = (),
     ) -> None:
         self.material = material
         self.tree = material.node_tree
@@ -61,17 +63,39 @@ class Edit:
         own_action(self.tree, mark=True)
         self.place = own_groups(place)
         self.layout = Layout(self.tree, (*self.place.groups, self.place.principled)[0])
-        self._age = self.layout.add("ShaderNodeValue", "Age", column=4, row=0).outputs[0]
-        key(self._age, (0.0, 1.0), span)
 
     def finish(self) -> None:
         """Writes what was changed into the material."""
         self._record.animation.claim(self.tree)
+        if self._record.owner:
+            self._record.owner.claim(self.material)
         store(self.material, self._record)
 
     def input(self, identifier: str) -> bpy.types.NodeSocket:
         """An input of the material's Principled BSDF."""
         return self.place.input(identifier)
+
+    @property
+    def age(self) -> str:
+        """The custom property of the material that says how old it is; keyed over the range."""
+        if self._record.age is None:
+            before, name = give_age(self.material, self._span)
+            self._record = replace(self._record, owner=before, age=name)
+        return self._record.age
+
+    def age_socket(self) -> bpy.types.NodeSocket:
+        """The output of a new node that shows the age."""
+        socket = self.layout.add("ShaderNodeValue", "Age", column=1, row=0).outputs[0]
+        drive_by_age(socket, "default_value", material=self.material, age=self.age)
+        return socket
+
+    def follow(self, identifier: str, socket: bpy.types.NodeSocket) -> None:
+        """Feeds a new socket with what feeds an input of the Principled BSDF."""
+        original = self.input(identifier)
+        if hasattr(original, "default_value") and identifier != "Normal":
+            socket.default_value = original.default_value
+        for link in original.links:
+            self.tree.links.new(self.outside(link.from_socket), socket).is_muted = link.is_muted
 
     def use_ggx(self) -> None:
         """Gives the Principled BSDF the plain GGX distribution."""
@@ -177,14 +201,8 @@ class Edit:
 
     def _texture(self, aged: AgedMap, turn: int, *, column: int) -> bpy.types.ShaderNodeTexImage:
         """A texture of every second stored frame, from the first (`turn` 0) or second (1) on."""
-        sampling = self._reading.sampling
         node = self.layout.add("ShaderNodeTexImage", aged.name, column=column, row=self._rows)
-        node.projection = sampling.projection
-        node.projection_blend = sampling.projection_blend
-        # What lies beside all tiles is to show the nearest, not the farthest.
-        node.extension = sampling.extension if self._reading.tiles.are_one else "EXTEND"
-        node.interpolation = sampling.interpolation
-        node.image = self._image(aged.files[turn])
+        self.show_file(node, aged.files[turn])
         frames = aged.stored[turn::2]
         if len(frames) > 1:
             node.image.source = "SEQUENCE"
@@ -195,10 +213,20 @@ class Edit:
             unseen = (0, *aged.stored[1 + turn :: 2])
             points = list(zip(unseen, frames, strict=False))
             self._drive(user, "frame_offset", points, "CONSTANT")
-        vector = self._lookup()
+        vector = self.lookup()
         if vector is not None:
             self.tree.links.new(vector, node.inputs["Vector"])
         return node
+
+    def show_file(self, node: bpy.types.ShaderNodeTexImage, path: Path) -> None:
+        """Lets a texture show a file in the material's own projection."""
+        sampling = self._reading.sampling
+        node.projection = sampling.projection
+        node.projection_blend = sampling.projection_blend
+        # What lies beside all tiles is to show the nearest, not the farthest.
+        node.extension = sampling.extension if self._reading.tiles.are_one else "EXTEND"
+        node.interpolation = sampling.interpolation
+        node.image = self._image(path)
 
     def _drive(
         self,
@@ -207,9 +235,14 @@ class Edit:
         points: Sequence[tuple[int, float]],
         interpolation: Literal["CONSTANT", "LINEAR"],
     ) -> None:
-        last = len(self._times) - 1
         drive_by_age(
-            driven, path, points, interpolation, age=self._age, last=last, material=self.material
+            driven,
+            path,
+            material=self.material,
+            age=self.age,
+            last=len(self._times) - 1,
+            points=points,
+            interpolation=interpolation,
         )
 
     def _image(self, path: Path) -> bpy.types.Image:
@@ -221,7 +254,7 @@ class Edit:
         image.filepath = _path(path)
         return image
 
-    def _lookup(self) -> bpy.types.NodeSocket | None:
+    def lookup(self) -> bpy.types.NodeSocket | None:
         """What feeds the textures' Vector; None is the UV map that each object renders with."""
         if self._vector is None:
             self._vector = self._coordinates()

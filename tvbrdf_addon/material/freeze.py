@@ -5,11 +5,14 @@ from __future__ import annotations
 import bpy
 
 from ..errors import MaterialError
+from .age import hold_age
 from .animation import channels, own_action, remove_keys
 from .record import is_aged, keyed_sockets, load, require_local, sequences, tagged
 from .trace import input_socket
 
 __all__ = ("freeze",)
+
+_IN_TREE = "node_tree."
 
 
 def freeze(material: bpy.types.Material, frame: int) -> None:
@@ -17,8 +20,9 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
 
     A texture remains of every map: that of the frame, or, between two, one that is packed into the
     file.  Age keeps its value of that frame, without keys, and moves nothing any more; where it
-    was deleted, what is shown now stays.  Raises `MaterialError`, with the material as it is, where
-    it is not aged, another file has it, its record is lost, or a texture is missing.
+    was deleted, what is shown now stays.  Of what the shader ages, `live.freeze` makes stills.
+    Raises `MaterialError`, with the material as it is, where it is not aged, another file has it,
+    its record is lost, or a texture is missing.
     """
     if not is_aged(material):
         raise MaterialError(f"“{material.name}” is not aged.", "Age it first.")
@@ -41,6 +45,8 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     }
     fades = [Fade.of(node, factor, stills) for node, factor in factors.items()]
     own_action(tree, mark=True)
+    if record.age is not None:
+        hold_age(material, record.age, frame)
     for socket in keyed_sockets(tree, record):
         _hold(socket, frame)
     for node, offset in offsets.items():
@@ -83,11 +89,13 @@ def _age(driver: bpy.types.Driver, frame: int) -> float | None:
     target = variable.targets[0] if variable is not None else None
     if target is None or not isinstance(target.id, bpy.types.Material):
         return None
-    tree, path = target.id.node_tree, target.data_path.removeprefix("node_tree.")
-    for curve in channels(tree):
+    owner, path = target.id, target.data_path
+    if path.startswith(_IN_TREE):  # of 0.1
+        owner, path = owner.node_tree, path.removeprefix(_IN_TREE)
+    for curve in channels(owner):
         if curve.data_path == path:
             return curve.evaluate(frame)
     try:
-        return tree.path_resolve(path)
+        return owner.path_resolve(path)
     except ValueError:
         return None

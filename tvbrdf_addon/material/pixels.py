@@ -17,6 +17,7 @@ __all__ = (
     "in_file",
     "linear_color",
     "luminance",
+    "read_exr",
     "read_exr_texel",
     "require_memory",
     "resampled",
@@ -180,14 +181,20 @@ def write_exr(path: Path, pixels: Array) -> None:
 
 def read_exr_texel(path: Path) -> tuple[float, float, float]:
     """The colour of the only texel of a 1 x 1 EXR (a number comes as three equal ones)."""
+    pixels = read_exr(path)
+    if pixels.shape[:2] != (1, 1):
+        raise MaterialError(
+            f"{path} is not the 1 x 1 map of a uniform material.", "Age the material again."
+        )
+    red, green, blue = pixels[0, 0].tolist()
+    return red, green, blue
+
+
+def read_exr(path: Path) -> Array:
+    """A map [H, W, 3] as its file holds it."""
     image = bpy.data.images.load(str(path), check_existing=False)
     try:
         set_as_data(image)
-        if tuple(image.size) != (1, 1):
-            raise MaterialError(
-                f"{path} is not the 1 x 1 map of a uniform material.", "Age the material again."
-            )
-        red, green, blue = image_pixels(image)[0, 0, :3].tolist()
-        return red, green, blue
+        return image_pixels(image)[..., :3].copy()
     finally:
         bpy.data.images.remove(image)

@@ -11,7 +11,7 @@ import bpy
 from ..errors import MaterialError
 from .animation import AnimationBefore
 from .decode import decoded
-from .ownership import TAG
+from .ownership import GROUP, TAG
 from .trace import is_animated
 
 __all__ = (
@@ -21,6 +21,7 @@ __all__ = (
     "find",
     "forget_names",
     "is_aged",
+    "is_live",
     "keyed_sockets",
     "load",
     "node_called",
@@ -85,7 +86,8 @@ class Record:
 
     `links` are all links in their order, which Blender keeps and a restored link would lose.
     `distribution` is the Principled's own, where it was changed.  `frames` is the number of files
-    of each sequence.
+    of each sequence.  `age` is the custom property that moves what is shown (None: nothing, or a
+    node of 0.1), and `owner` the animation of the material before it had that.
     """
 
     principled: str
@@ -94,6 +96,8 @@ class Record:
     links: tuple[Link, ...]
     sockets: tuple[SocketBefore, ...] = field(default=())
     distribution: str | None = None
+    age: str | None = None
+    owner: AnimationBefore | None = None
 
     def with_socket(self, before: SocketBefore) -> Record:
         return replace(self, sockets=(*self.sockets, before))
@@ -155,6 +159,13 @@ def sequences(tree: bpy.types.NodeTree) -> list[bpy.types.ShaderNodeTexImage]:
     """Those of them that play textures."""
     textures = (node for node in tagged(tree) if node.type == "TEX_IMAGE" and node.image)
     return [node for node in textures if node.image.source == "SEQUENCE"]
+
+
+def is_live(material: bpy.types.Material) -> bool:
+    """Whether the shader ages the material.  Cheap: panels call it."""
+    nodes = tagged(material.node_tree) if material.node_tree is not None else ()
+    groups = (node.node_tree for node in nodes if node.type == "GROUP")
+    return any(group is not None and GROUP in group for group in groups)
 
 
 def plays(material: bpy.types.Material) -> bool:

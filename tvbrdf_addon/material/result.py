@@ -9,7 +9,7 @@ from pathlib import Path
 from ...model_runtime.commit import recover
 from ..errors import MaterialError
 
-__all__ = ("MAPS", "AgedMap", "AgedMaps", "read_result")
+__all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveFiles", "read_result")
 
 MAPS = {
     "principled": ("base_color", "metallic", "specular", "roughness"),
@@ -46,7 +46,22 @@ class AgedMaps:
     maps: tuple[AgedMap, ...]
 
 
-def read_result(folder: Path) -> AgedMaps:
+@dataclass(frozen=True)
+class LiveFiles:
+    """A result that a shader evaluates at any age: its files, of `size` (height, width).
+
+    `timing` holds onset, rate and start of each texel (None: all age alike), `coefficients` three
+    in each texture, `curves` what they are multiplied by.
+    """
+
+    format: str
+    size: tuple[int, int]
+    timing: Path | None
+    coefficients: tuple[Path, ...]
+    curves: Path
+
+
+def read_result(folder: Path) -> AgedMaps | LiveFiles:
     """Reads `folder/aged.json` and looks at every file that it names.
 
     A run that was killed while it replaced the result is undone first.
@@ -72,9 +87,30 @@ def read_result(folder: Path) -> AgedMaps:
             f"The result {path} has the format “{kind}”, which this extension does not know.",
             "Update the extension, or age the material again.",
         )
+    if data.get("binding") == "live":
+        return _live(folder, kind, (height, width), files)
     uniform = (height, width) == (1, 1)
     maps = tuple(_map(folder, name, files.get(name), len(times), uniform) for name in MAPS[kind])
     return AgedMaps(kind, times, maps)
+
+
+def _live(folder: Path, kind: str, size: tuple[int, int], files: object) -> LiveFiles:
+    match files:
+        case {"curves": str(curves), "coefficients": [*coefficients]}:
+            timing = files.get("timing")
+        case _:
+            raise MaterialError(
+                f"The result in {folder} does not say which files its curves and coefficients are.",
+                "Age the material again.",
+            )
+    paths = [_there(folder / each) for each in (curves, *coefficients)]
+    return LiveFiles(kind, size, timing and _there(folder / timing), tuple(paths[1:]), paths[0])
+
+
+def _there(path: Path) -> Path:
+    if not path.is_file():
+        raise MaterialError(f"{path} is missing.", "Age the material again.")
+    return path
 
 
 def _map(folder: Path, name: str, files: object, frames: int, uniform: bool) -> AgedMap:
@@ -84,10 +120,7 @@ def _map(folder: Path, name: str, files: object, frames: int, uniform: bool) -> 
             f"The result in {folder} does not say which files make its {name} on every frame.",
             "Age the material again.",
         )
-    paths = tuple(folder / _file(name, frame) for frame in stored)
-    missing = next((path for path in paths if not path.is_file()), None)
-    if missing:
-        raise MaterialError(f"{missing} is missing.", "Age the material again.")
+    paths = tuple(_there(folder / _file(name, frame)) for frame in stored)
     first = paths[0].read_bytes()
     changes = any(
         path.stat().st_size != len(first) or path.read_bytes() != first for path in paths[1:]

@@ -5,9 +5,10 @@ from __future__ import annotations
 import bpy
 
 from ..errors import MaterialError
+from .age import take_age
 from .animation import own_action, remove_keys
 from .groups import originals_lost, restore_groups
-from .ownership import TAG, user_count
+from .ownership import remove_groups, remove_images
 from .record import (
     Link,
     Record,
@@ -48,6 +49,8 @@ def revert(material: bpy.types.Material, *, owner: bpy.types.Material | None = N
     record.animation.restore(tree)
     forget_names(tree)
     material.tvbrdf.property_unset("original")
+    if record.age and record.owner:
+        take_age(material, record.age, record.owner)
     tree.update_tag()
 
 
@@ -85,6 +88,8 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
     for node in tagged(tree):
         if node.type == "TEX_IMAGE":
             node.image_user.driver_remove("frame_offset")
+        elif node.type == "VALUE":
+            node.outputs[0].driver_remove("default_value")
         elif node.type == "MIX":
             input_socket(node, "Factor_Float").driver_remove("default_value")
     for socket in keyed_sockets(tree, record):
@@ -92,14 +97,15 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
 
 
 def _remove_nodes(tree: bpy.types.NodeTree) -> None:
-    images = set()
+    images, groups = set(), set()
     for node in tagged(tree):
-        if node.type == "TEX_IMAGE" and node.image and TAG in node.image:
+        if node.type == "TEX_IMAGE":
             images.add(node.image)
+        elif node.type == "GROUP":
+            groups.add(node.node_tree)
         tree.nodes.remove(node)
-    for image in images:
-        if user_count(image) == 0:
-            bpy.data.images.remove(image)
+    remove_groups(groups)
+    remove_images(images)
 
 
 def _restore_sockets(tree: bpy.types.NodeTree, record: Record) -> None:

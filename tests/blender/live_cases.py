@@ -1,0 +1,96 @@
+"""Live results made up, and what a shader has to make of them: the formula, texel by texel."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from model_runtime.brdf import principled
+from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+
+AGES = 36
+
+
+def write_image(path: Path, pixels: np.ndarray) -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGB": np.ascontiguousarray(pixels)}).write(str(path))
+
+
+def made_up_live(
+    folder: Path,
+    kind: str = "principled",
+    *,
+    count: int = 4,
+    size: tuple[int, int] = (16, 16),
+    onset: bool = True,
+    seed: int = 0,
+) -> Path:
+    """A result with `count` coefficients: paint that rusts, more or less."""
+    rng = np.random.default_rng(seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    t = np.linspace(0, 1, AGES)[:, None]
+    curves = np.zeros((2 + count, AGES, 7))
+    fade = 1 - np.exp(-4 * t)
+    curves[0] = 1 - fade * rng.uniform(0.3, 0.9, 7)
+    curves[1] = fade * rng.uniform(0.02, 0.3, 7)
+    for k in range(count):
+        curves[2 + k] = np.sin(np.pi * t * (k + 1) * 0.7) * rng.uniform(-0.1, 0.1, 7)
+    rows = np.zeros((2 + count, 3, AGES, 3), np.float32)
+    rows[:, 0], rows[:, 1], rows[:, 2, :, 0] = curves[..., :3], curves[..., 3:6], curves[..., 6]
+    write_image(folder / "curves.exr", rows.reshape(-1, AGES, 3))
+    files: dict[str, object] = {"curves": "curves.exr"}
+    if onset:
+        timing = np.stack(
+            (rng.uniform(0, 0.8, size), rng.uniform(0.6, 1.6, size), np.zeros(size)), -1
+        )
+        write_image(folder / "timing.exr", timing.astype(np.float16))
+        files["timing"] = "timing.exr"
+    files["coefficients"] = [f"coefficients_{i}.exr" for i in range(-(-count // 3))]
+    coefficients = rng.normal(0, 0.7, (*size, 3 * len(files["coefficients"])))
+    coefficients[..., count:] = 0
+    for i, name in enumerate(files["coefficients"]):
+        write_image(folder / name, coefficients[..., 3 * i : 3 * i + 3].astype(np.float16))
+    aged = {
+        "format": kind,
+        "binding": "live",
+        "coefficients": count,
+        "ntm": "rust",
+        "frames": AGES,
+        "times": np.linspace(0, 1, AGES).tolist(),
+        "size": list(size),
+        "files": files,
+        "warnings": [],
+    }
+    (folder / "aged.json").write_text(json.dumps(aged))
+    return folder
+
+
+def by_hand(folder: Path, authored: PrincipledMaps, t: float) -> TorranceSparrowMaps:
+    """The state at age `t`: y(a) = G(a) y0 + O(a) + sum_k c_k V_k(a), and its limits."""
+    files = json.loads((folder / "aged.json").read_text())["files"]
+    start = principled.forward(authored)
+    y0 = np.concatenate((start.kd, start.ks, np.sqrt(start.alpha)[..., None]), -1)
+    a = np.full(authored.size, t)
+    if "timing" in files:
+        onset, rate, a0 = np.moveaxis(read(folder / files["timing"]), -1, 0)
+        a = a0 + rate * np.maximum(0, t - onset)
+    a = np.clip(a, 0, 1)
+    rows = read(folder / "curves.exr").reshape(-1, 3, AGES, 3)
+    curves = np.concatenate((rows[:, 0], rows[:, 1], rows[:, 2, :, :1]), -1)
+    at = np.linspace(0, 1, AGES)
+    now = [np.stack([np.interp(a, at, c) for c in curve.T], -1) for curve in curves]
+    y = now[0] * y0 + now[1]
+    c = [read(folder / name) for name in files["coefficients"]]
+    shares = np.concatenate(c, -1) if c else np.zeros((*a.shape, 0))
+    for k, change in enumerate(now[2:]):
+        y += shares[..., k : k + 1] * change
+    kd, ks = np.maximum(y[..., :3], 0), np.maximum(y[..., 3:6], 0)
+    r = np.clip(y[..., 6], 0.01, 1)
+    return TorranceSparrowMaps(*(each.astype(np.float32) for each in (kd, ks, r * r)))
+
+
+def read(path: Path) -> np.ndarray:
+    return OpenEXR.File(str(path)).channels()["RGB"].pixels[..., :3].astype(np.float64)

@@ -1,0 +1,424 @@
+"""A live material: what is added to the file, what moves it, what it survives, how it goes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from tests.blender.live_cases import made_up_live
+from tests.blender.material_cases import (
+    add,
+    image,
+    link,
+    new_material,
+    plane,
+    principled_of,
+    procedural,
+    render,
+    snapshot,
+    view_from_above,
+)
+from tests.blender.test_bind import bind
+from tests.blender.test_revert import awkward, settled
+from tvbrdf.tvbrdf_addon.material.animation import channels
+from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+
+pytestmark = pytest.mark.usefixtures("empty_scene")
+FORMATS = ("principled", "principled-exact", "torrance-sparrow")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def aged(tmp_path: Path, build=procedural, kind="principled", span=(1, 11), **options):
+    """A material that a live result ages, on a plane."""
+    material = new_material()
+    build(material)
+    obj = plane(material)
+    folder = made_up_live(tmp_path / f"live {kind}", kind, **options)
+    bind(material, obj, folder, tmp_path, span=span)
+    return material, obj
+
+
+def group_node(material) -> bpy.types.Node:
+    return next(node for node in material.node_tree.nodes if node.type == "GROUP")
+
+
+def emitting(material, output: str = "Base Color") -> None:
+    """Shows an output of the group as light."""
+    tree = material.node_tree
+    emission = add(material, "ShaderNodeEmission")
+    tree.links.new(group_node(material).outputs[output], emission.inputs[0])
+    tree.links.new(emission.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+
+
+def data_blocks() -> dict[str, list[str]]:
+    kinds = ("actions", "images", "node_groups")
+    return {kind: sorted(each.name for each in getattr(bpy.data, kind)) for kind in kinds}
+
+
+def test_few_nodes_join_the_artists_and_one_driver_moves_them(tmp_path):
+    material, _ = aged(tmp_path)
+    added = [node for node in material.node_tree.nodes if "tvbrdf" in node]
+    assert sorted(node.type for node in added) == ["FRAME", "GROUP", "UVMAP", "VALUE"]
+    (driver,) = material.node_tree.animation_data.drivers
+    assert driver.data_path == 'nodes["Age"].outputs[0].default_value'
+    assert driver.driver.is_simple_expression
+    (curve,) = channels(material)
+    assert curve.data_path == '["Age"]'
+    assert [tuple(point.co) for point in curve.keyframe_points] == [(1, 0), (11, 1)]
+    inputs = {each.name: each for each in group_node(material).inputs}
+    assert inputs["Base Color"].links[0].from_node.type == "VALTORGB"
+    assert {image.source for image in bpy.data.images if "tvbrdf" in image} == {"FILE"}
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("build", [procedural, awkward])
+def test_revert_leaves_nothing(tmp_path, kind, build):
+    material = new_material()
+    build(material)
+    obj = plane(material)
+    before, blocks = settled(material), data_blocks()
+    bind(material, obj, made_up_live(tmp_path / "live", kind), tmp_path)
+    assert is_aged(material)
+    assert settled(material) != before
+    revert(material)
+    after = settled(material)
+    for key in before:
+        assert after[key] == before[key], key
+    assert data_blocks() == blocks
+    assert "Age" not in material
+
+
+def test_a_material_that_is_animated_gets_its_own_keys_back(tmp_path):
+    material = new_material()
+    procedural(material)
+    material["Age"] = "of the artist"
+    material.keyframe_insert("roughness", frame=3)
+    obj = plane(material)
+    before = settled(material)
+    curves = [(each.data_path, len(each.keyframe_points)) for each in channels(material)]
+    bind(material, obj, made_up_live(tmp_path / "live"), tmp_path)
+    assert material["Age"] == "of the artist"
+    assert '["Age 2"]' in {each.data_path for each in channels(material)}
+    revert(material)
+    assert settled(material) == before
+    assert [(e.data_path, len(e.keyframe_points)) for e in channels(material)] == curves
+    assert material["Age"] == "of the artist"
+
+
+def test_materials_share_what_they_can(tmp_path):
+    first, _ = aged(tmp_path)
+    groups = len(bpy.data.node_groups)
+    second, _ = aged(tmp_path)
+    assert len(bpy.data.node_groups) == groups + 1
+    revert(first)
+    assert len(bpy.data.node_groups) == groups
+    assert group_node(second).node_tree.users == 1
+    revert(second)
+    assert not len(bpy.data.node_groups)
+
+
+def test_muted_links_and_values_reach_the_group(tmp_path):
+    def build(material):
+        tint = add(material, "ShaderNodeRGB")
+        tint.outputs[0].default_value = (1, 0, 0, 1)
+        link(material, tint.outputs[0], "Base Color")
+        inputs = principled_of(material).inputs
+        inputs["Base Color"].links[0].is_muted = True
+        inputs["Base Color"].default_value = (0.2, 0.4, 0.6, 1)
+        inputs["IOR"].default_value = 1.7
+
+    material, _ = aged(tmp_path, build)
+    inputs = group_node(material).inputs
+    assert inputs["Base Color"].links[0].is_muted
+    np.testing.assert_allclose(inputs["Base Color"].default_value, (0.2, 0.4, 0.6, 1))
+    assert inputs["IOR"].default_value == pytest.approx(1.7)
+    emitting(material)
+    view_from_above()
+    picture = render(tmp_path / "a.exr", 1, size=4, samples=1)
+    np.testing.assert_array_equal(picture, np.broadcast_to(np.float32((0.2, 0.4, 0.6)), (4, 4, 3)))
+
+
+def shown(tmp_path: Path, frame: int = 1, size: int = 8) -> np.ndarray:
+    return render(tmp_path / "shown.exr", frame, size=size, samples=1)
+
+
+def test_an_object_may_have_an_age_of_its_own(tmp_path):
+    material, obj = aged(tmp_path, onset=False)
+    emitting(material)
+    view_from_above()
+    young, old = shown(tmp_path, 1), shown(tmp_path, 11)
+    assert np.abs(young - old).max() > 0.1
+    obj["Age"] = 1.0
+    obj.update_tag()
+    np.testing.assert_array_equal(shown(tmp_path, 1), old)
+    obj["Age"] = 0.0
+    obj.update_tag()
+    np.testing.assert_array_equal(shown(tmp_path, 11), young)
+    del obj["Age"]
+    obj.update_tag()
+    np.testing.assert_array_equal(shown(tmp_path, 11), old)
+
+
+def flat(material) -> None:
+    principled_of(material).inputs["Base Color"].default_value = (0.9, 0.9, 0.9, 1)
+
+
+def test_a_hundred_objects_at_a_hundred_ages(tmp_path):
+    """One material on planes of ages 0 to 1: each looks as the material does at that age."""
+    material, obj = aged(tmp_path, flat, onset=False, count=0, span=(0, 99))
+    emitting(material)
+    view_from_above()
+    scene = bpy.context.scene
+    truth = np.stack([shown(tmp_path, frame, 4)[0, 0] for frame in (0, 33, 66, 99)])
+    obj.hide_render = True
+    for i in range(100):
+        each = bpy.data.objects.new(f"Tile {i}", obj.data)
+        each.scale = (0.1, 0.1, 1)
+        each.location = (-0.9 + 0.2 * (i % 10), 0.9 - 0.2 * (i // 10), 0)
+        each["Age"] = i / 99
+        scene.collection.objects.link(each)
+    picture = shown(tmp_path, 0, 20)[::2, ::2].reshape(100, 3)
+    np.testing.assert_allclose(picture[[0, 33, 66, 99]], truth, atol=2e-4)
+    assert (np.diff(picture[1:].sum(1)) < 0).all()
+
+
+def test_instances_have_their_instancers_age(tmp_path):
+    material, obj = aged(tmp_path, flat, onset=False, count=0)
+    emitting(material)
+    view_from_above()
+    old = shown(tmp_path, 11, 4)
+    collection = bpy.data.collections.new("Instanced")
+    collection.objects.link(obj)
+    bpy.context.scene.collection.objects.unlink(obj)
+    instancer = bpy.data.objects.new("Instancer", None)
+    instancer.instance_type, instancer.instance_collection = "COLLECTION", collection
+    instancer["Age"] = 1.0
+    bpy.context.scene.collection.objects.link(instancer)
+    np.testing.assert_allclose(shown(tmp_path, 1, 4), old, rtol=1e-6)
+
+
+def test_changing_the_range_moves_the_keys(tmp_path):
+    material, _ = aged(tmp_path, span=(1, 11))
+    (curve,) = channels(material)
+    curve.keyframe_points.insert(6, 0.9)  # the artist's ease
+    material.tvbrdf.frame_start = 101
+    material.tvbrdf.frame_end = 121
+    (curve,) = channels(material)
+    points = [tuple(point.co) for point in curve.keyframe_points]
+    np.testing.assert_allclose(points, [(101, 0), (111, 0.9), (121, 1)], atol=1e-4)
+    bpy.context.scene.frame_set(111)
+    assert material["Age"] == pytest.approx(0.9)
+
+
+def test_so_does_the_scenes_range_unless_somebody_moved_them(tmp_path):
+    from tvbrdf.tvbrdf_addon.follow import follow
+
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 11
+    material, _ = aged(tmp_path, span=(1, 11))
+    scene.frame_end = 51
+    follow()
+    (curve,) = channels(material)
+    assert [point.co.x for point in curve.keyframe_points] == [1, 51]
+    curve.keyframe_points[1].co.x = 40
+    scene.frame_end = 61
+    follow()
+    assert [point.co.x for point in curve.keyframe_points] == [1, 40]
+
+
+def test_a_copy_has_its_own_age(tmp_path):
+    material, _ = aged(tmp_path)
+    copy = material.copy()
+    (driver,) = copy.node_tree.animation_data.drivers
+    assert driver.driver.variables[0].targets[0].id == copy
+    before = settled(material)
+    copy.tvbrdf.frame_end = 500
+    assert settled(material)["nodes"] == before["nodes"]
+    assert [point.co.x for point in channels(material)[0].keyframe_points] == [1, 11]
+    revert(copy)
+    assert settled(material) == before
+    assert group_node(material).node_tree is not None
+
+
+@pytest.mark.parametrize("link_it", [False, True])
+def test_appended_and_linked_it_ages_on(tmp_path, link_it):
+    material, _ = aged(tmp_path, flat, onset=False, count=0)
+    emitting(material)
+    view_from_above()
+    pictures = [shown(tmp_path, frame, 4) for frame in (1, 6, 11)]
+    path = tmp_path / "library.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(path), link=link_it) as (_, wanted):
+        wanted.materials = [material_name := "Paint"]
+    plane(bpy.data.materials[material_name])
+    view_from_above()
+    bpy.context.scene.view_settings.view_transform = "Raw"
+    for frame, picture in zip((1, 6, 11), pictures, strict=True):
+        np.testing.assert_array_equal(shown(tmp_path, frame, 4), picture)
+
+
+def test_a_library_override_may_have_another_age(tmp_path):
+    aged(tmp_path, flat, onset=False, count=0)
+    path = tmp_path / "library.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        wanted.materials = ["Paint"]
+    override = bpy.data.materials["Paint"].override_create()
+    override["Age"] = 0.5
+    paths = {each.rna_path for each in override.override_library.properties}
+    override.override_library.operations_update()
+    paths = {each.rna_path for each in override.override_library.properties}
+    assert '["Age"]' in paths
+
+
+def test_no_dependency_cycle_is_printed(tmp_path):
+    """Live and frames, bound, played, copied and reloaded, in a Blender whose output is read."""
+    script = (
+        "import sys, bpy\n"
+        "from pathlib import Path\n"
+        "import tests.conftest, tvbrdf\n"
+        "tvbrdf.register()\n"
+        "from tests.blender.test_live import aged\n"
+        "from tests.blender.material_cases import made_up, new_material, plane, procedural\n"
+        "from tests.blender.test_bind import bind\n"
+        "folder = Path(sys.argv[1])\n"
+        "first, _ = aged(folder)\n"
+        "second = new_material('Second')\n"
+        "procedural(second)\n"
+        "bind(second, plane(second), made_up(folder / 'frames'), folder)\n"
+        "second.copy()\n"
+        "for frame in (1, 4, 9):\n"
+        "    bpy.context.scene.frame_set(frame)\n"
+        "bpy.ops.wm.save_as_mainfile(filepath=str(folder / 'scene.blend'))\n"
+        "bpy.ops.wm.open_mainfile(filepath=str(folder / 'scene.blend'))\n"
+        "bpy.context.scene.frame_set(5)\n"
+        "print('went through')\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert "went through" in run.stdout, run.stdout[-3000:]
+    assert "dependency cycle" not in run.stdout.lower(), run.stdout
+
+
+def test_textures_are_looked_up_as_the_artists_are(tmp_path):
+    def build(material):
+        texture = add(
+            material,
+            "ShaderNodeTexImage",
+            image=image("Wood", np.random.default_rng(0).random((8, 4, 3))),
+            extension="EXTEND",
+            interpolation="Closest",
+        )
+        mapping = add(material, "ShaderNodeMapping")
+        mapping.inputs["Scale"].default_value = (3, 2, 1)
+        coordinates = add(material, "ShaderNodeTexCoord")
+        links = material.node_tree.links
+        links.new(coordinates.outputs["UV"], mapping.inputs[0])
+        links.new(mapping.outputs[0], texture.inputs[0])
+        link(material, texture.outputs[0], "Base Color")
+
+    material, _ = aged(tmp_path, build)
+    node = group_node(material)
+    assert node.inputs["Vector"].links[0].from_node.type == "MAPPING"
+    textures = [each for each in node.node_tree.nodes if each.type == "TEX_IMAGE"]
+    assert len(textures) == 3
+    for each in textures:
+        assert (each.extension, each.interpolation) == ("EXTEND", "Closest")
+        assert each.inputs["Vector"].links[0].from_socket.name == "Vector"
+
+
+def test_freezing_leaves_stills_and_reverts(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
+
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    view_from_above()
+    shown(tmp_path)  # whose image stays in the file
+    before, blocks = settled(material), data_blocks()
+    folder = made_up_live(tmp_path / "live", size=(64, 64))
+    bind(material, obj, folder, tmp_path, span=(1, 11))
+    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
+    live = material.copy()
+    emitting(live)
+    obj.material_slots[0].material = live
+    truth = shown(tmp_path, 7, 64)
+    obj.material_slots[0].material = material
+    bpy.data.materials.remove(live)
+
+    freeze_live(material, obj, bpy.context.scene)
+    assert "Age" not in material
+    assert not channels(material)
+    textures = [node for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
+    names = {f"{name}.exr" for name in ("base_color", "metallic", "specular", "roughness")}
+    assert {Path(node.image.filepath).name for node in textures} == names
+    still = material.copy()
+    base = principled_of(still).inputs[0].links[0].from_socket
+    emission = add(still, "ShaderNodeEmission")
+    still.node_tree.links.new(base, emission.inputs[0])
+    still.node_tree.links.new(
+        emission.outputs[0], still.node_tree.get_output_node("CYCLES").inputs["Surface"]
+    )
+    obj.material_slots[0].material = still
+    for frame in (1, 11):
+        error = np.sqrt(shown(tmp_path, frame, 64)) - np.sqrt(truth)
+        assert -10 * np.log10(np.mean(np.square(error))) > 40
+    obj.material_slots[0].material = material
+    bpy.data.materials.remove(still)
+    revert(material)
+    assert settled(material) == before
+    assert data_blocks() == blocks
+
+
+def test_what_is_saved_ages_without_the_extension_and_without_scripts(tmp_path):
+    material, _ = aged(tmp_path, flat, onset=False, count=0)
+    emitting(material)
+    view_from_above()
+    bpy.context.scene.view_settings.view_transform = "Raw"
+    with_extension = shown(tmp_path, 6, 4)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    script = (
+        "import sys, bpy\n"
+        "bpy.ops.wm.open_mainfile(filepath=sys.argv[1], use_scripts=False)\n"
+        "assert not hasattr(bpy.types.Material, 'tvbrdf')\n"
+        "scene = bpy.context.scene\n"
+        "scene.frame_set(6)\n"
+        "scene.render.filepath = sys.argv[2]\n"
+        "bpy.ops.render.render(write_still=True)\n"
+    )
+    from tests.blender.material_cases import pixels
+
+    target = tmp_path / "without.exr"
+    subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path / "scene.blend"), str(target)], check=True
+    )
+    np.testing.assert_array_equal(pixels(target), with_extension)
+
+
+def test_reloaded_it_is_reverted(tmp_path):
+    material, obj = aged(tmp_path, awkward)
+    revert(material)
+    before = settled(material)
+    bind(material, obj, tmp_path / "live principled", tmp_path, span=(1, 11))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    material = bpy.data.materials["Paint"]
+    revert(material)
+    after = settled(material)
+    for key in ("nodes", "links", "animation"):
+        assert after[key] == before[key], key
+    assert snapshot(material)["original"] == ""

@@ -1,0 +1,1 @@
+"""The live binding: a material that its shader ages, from coefficients, curves and one Age."""
