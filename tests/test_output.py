@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from tvbrdf.model_runtime.commit import recover
 from tvbrdf.tvbrdf_addon.errors import SettingsError
+from tvbrdf.tvbrdf_addon.material.result import read_result
 from tvbrdf.tvbrdf_addon.output import file_safe, free_folder, require_writable
 
 
@@ -101,3 +103,25 @@ def test_only_what_a_killed_worker_left_of_this_result_is_removed(tmp_path: Path
         (tmp_path / name).mkdir()
     recover(tmp_path / "Steel[1]")
     assert {path.name for path in tmp_path.iterdir()} == {".Steel1.partial-efgh_345", "Steel[1]"}
+
+
+def test_whoever_reads_a_result_undoes_what_a_killed_worker_had_begun(tmp_path: Path):
+    """It was killed after it had moved two files aside, and one new one in."""
+    folder, staging = tmp_path / "Steel", tmp_path / ".Steel.partial-abcd_012"
+    names = [f"{name}_0001.exr" for name in ("base_color", "metallic", "specular", "roughness")]
+    files = {name.removesuffix("_0001.exr"): [name] for name in names}
+    aged = {"format": "principled", "times": [0.0], "size": [8, 8], "files": files}
+    aside = staging / ".aged.earlier"
+    for place in (folder, aside):
+        place.mkdir(parents=True)
+    for k, name in enumerate(names):
+        (folder / name).write_text("old")
+        (staging / name).write_text("new")
+        if k < 2:
+            (folder / name).rename(aside / name)
+    (staging / names[0]).rename(folder / names[0])
+    for place in (folder, staging):
+        (place / "aged.json").write_text(json.dumps(aged))
+    result = read_result(folder)
+    assert [each.files[0].read_text() for each in result.maps] == ["old"] * 4
+    assert list(tmp_path.iterdir()) == [folder]
