@@ -153,7 +153,8 @@ class StagedResult:
         why = reason(error)
         if isinstance(error, OSError) and error.filename:
             path = Path(os.fsdecode(error.filename))
-            why = f"{path.name}: {why}" if path.parent == self.folder else why
+            if path.parent == self.folder and not path.name.startswith("."):
+                why = f"{path.name}: {why}"
         return OutputError(
             f"The folder {shown(self.folder)} cannot be written ({why}).",
             "Choose a folder that can be written, with space left.",
