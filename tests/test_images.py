@@ -474,6 +474,19 @@ def test_what_is_hidden_in_an_exr_takes_no_memory(tmp_path: Path) -> None:
     assert grown < 30_000, f"{grown:.0f} KB"
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="others have names in Unicode alone")
+def test_a_name_that_is_not_utf8_is_a_name(tmp_path: Path) -> None:
+    plain, folder = tmp_path / "plain", tmp_path / os.fsdecode(b"caf\xe9")
+    plain.mkdir()
+    codes = np.full((4, 4), 255, np.uint8)
+    Image.fromarray(codes).save(plain / "x.png")
+    Image.fromarray(codes).save(plain / "x.tif", compression="tiff_lzw")
+    write_exr(plain / "x.exr", np.ones((4, 4), np.float32))
+    plain.rename(folder)
+    for path in folder.iterdir():
+        assert (read_image(path, color=False) == 1).all()
+
+
 def test_giants_are_refused_before_they_are_decoded(tmp_path: Path) -> None:
     for width, height in ((16385, 1), (1, 16385)):
         Image.new("L", (width, height)).save(tmp_path / "long.png")
