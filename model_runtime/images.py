@@ -273,13 +273,15 @@ def _decode_srgb(code: Pixels) -> Pixels:
 
 def _read_exr(path: Path) -> Pixels:
     """[H, W] or [H, W, 3] of the first part's colour, luminance or only channel."""
-    header = OpenEXR.File(str(path), header_only=True).header()
-    names, (height, width) = _what_to_read(path, header)
-    # The newer OpenEXR.File reads every channel of every part, however many there are.
-    with contextlib.closing(OpenEXR.InputFile(str(path))) as file:
-        stored = file.header()["channels"]
-        types = [_EXR_TYPES[str(stored[name].type)] for name in names]
-        contents = file.channels(names)
+    with path.open("rb") as stream:  # paths themselves must be UTF-8 for OpenEXR
+        header = OpenEXR.File(stream, header_only=True).header()
+        names, (height, width) = _what_to_read(path, header)
+        stream.seek(0)
+        # The newer OpenEXR.File reads every channel of every part, however many there are.
+        with contextlib.closing(OpenEXR.InputFile(stream)) as file:
+            stored = file.header()["channels"]
+            types = [_EXR_TYPES[str(stored[name].type)] for name in names]
+            contents = file.channels(names)
     planes = [
         np.frombuffer(content, dtype).reshape(height, width)
         for content, dtype in zip(contents, types, strict=True)

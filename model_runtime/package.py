@@ -130,7 +130,7 @@ def list_models(
             files = [path for path in folder.iterdir() if path.suffix == ".safetensors"]
         except FileNotFoundError:
             continue
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: no path at all
             skipped(
                 ModelFileError(
                     f"The folder {shown(folder)} cannot be read ({reason(error)}).",

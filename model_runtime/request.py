@@ -9,13 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import package
-from .errors import (
-    ModelFileError,
-    TvbrdfError,
-    UsageError,
-    reason,
-    shown,
-)
+from .errors import ModelFileError, TvbrdfError, UsageError, reason, shown
 from .memory import check_limits, memory_in_words
 
 if TYPE_CHECKING:

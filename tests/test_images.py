@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import struct
+import subprocess
+import sys
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -277,12 +279,225 @@ def test_missing_foreign_and_damaged_files_are_refused(tmp_path: Path) -> None:
     refused(tmp_path / "gif.png", "damaged or not an image")
 
 
+def test_a_writer_of_nan_is_stopped(tmp_path: Path) -> None:
+    write_exr(tmp_path / "x.exr", np.ones((4, 4), np.float32))
+    for dtype in (np.float16, np.float32):
+        for shape in ((4, 5), (4, 5, 3)):
+            pixels = np.zeros(shape, dtype)
+            pixels[2, 3] = np.nan
+            with pytest.raises(OutputError, match=r"x\.exr would hold .* not numbers") as caught:
+                write_exr(tmp_path / "x.exr", pixels)
+            assert "model file" in caught.value.hint
+            assert "map" in caught.value.hint
+    assert (read_image(tmp_path / "x.exr", color=False) == 1).all()
+    write_exr(tmp_path / "x.exr", np.full((4, 4), -np.inf, np.float32))
+
+
+def test_what_pillow_makes_of_a_picture_is_read_without_a_word(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Palettes with alpha, CMYK, animations, pictures that a camera has turned, ..."""
+    codes = np.random.default_rng(0).integers(0, 256, (12, 16, 3)).astype(np.uint8)
+    whole = Image.fromarray(codes)
+    turned = Image.Exif()
+    turned[0x0112] = 6
+    saved = {
+        "palette.png": (whole.convert("P"), {"transparency": bytes(range(200))}),
+        "grey.png": (whole.convert("L"), {"transparency": 3}),
+        "color.png": (whole, {"transparency": (1, 2, 3)}),
+        "animated.png": (whole, {"save_all": True, "append_images": [whole.rotate(180)]}),
+        "cmyk.jpg": (whole.convert("CMYK"), {"quality": 100}),
+        "progressive.jpg": (whole, {"progressive": True}),
+        "turned.jpg": (whole, {"exif": turned}),
+        "many.jpg": (whole, {"format": "MPO", "save_all": True, "append_images": [whole]}),
+        "pages.tif": (whole, {"save_all": True, "append_images": [whole]}),
+        "cmyk.tif": (whole.convert("CMYK"), {"compression": "tiff_lzw"}),
+    }
+    for name, (image, options) in saved.items():
+        image.save(tmp_path / name, **options)
+        found = read_image(tmp_path / name, color=True)
+        # As Blender does, which turns no picture.
+        assert found.shape == (12, 16, 3), name
+    assert not recwarn.list
+    assert capfd.readouterr().err == ""
+
+
+def interlaced(codes: np.ndarray) -> bytes:
+    """An Adam7 PNG of [H, W] uint8, by the specification: seven passes, each coarser before."""
+    rows = b""
+    for y, x, down, right in (
+        *((0, 0, 8, 8), (0, 4, 8, 8), (4, 0, 8, 4), (0, 2, 4, 4), (2, 0, 4, 2)),
+        *((0, 1, 2, 2), (1, 0, 2, 1)),
+    ):
+        part = codes[y::down, x::right]
+        if part.size:
+            rows += b"".join(b"\0" + row.tobytes() for row in part)
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
+
+    header = struct.pack(">IIBBBBB", codes.shape[1], codes.shape[0], 8, 0, 0, 0, 1)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(rows))
+        + chunk(b"IEND", b"")
+    )
+
+
+def test_an_interlaced_png(tmp_path: Path) -> None:
+    codes = np.random.default_rng(0).integers(0, 256, (13, 11)).astype(np.uint8)
+    (tmp_path / "x.png").write_bytes(interlaced(codes))
+    np.testing.assert_array_equal(
+        read_image(tmp_path / "x.png", color=False), codes.astype(np.float32) / np.float32(255)
+    )
+
+
+def test_damage_is_one_sentence_and_no_library_s(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """OpenEXR and libtiff write to stderr themselves; Pillow warns."""
+    codes = np.random.default_rng(0).integers(0, 256, (64, 64, 3)).astype(np.uint8)
+    write_exr(tmp_path / "x.exr", codes.astype(np.float32))
+    Image.fromarray(codes).save(tmp_path / "x.tif", compression="tiff_lzw")
+    Image.fromarray(codes).save(tmp_path / "y.tif", compression="tiff_adobe_deflate")
+    for name in ("x.exr", "x.tif", "y.tif"):
+        whole = (tmp_path / name).read_bytes()
+        middle = len(whole) // 2
+        for damaged in (whole[:middle], whole[:middle] + bytes(200) + whole[middle + 200 :]):
+            (tmp_path / name).write_bytes(damaged)
+            with pytest.raises(InputError, match="damaged"):
+                read_image(tmp_path / name, color=True)
+    assert capfd.readouterr().err == ""
+    assert not recwarn.list
+    os.write(2, b"heard again")
+    assert capfd.readouterr().err == "heard again"
+
+
+def test_the_largest_picture_that_is_allowed_is_read(tmp_path: Path) -> None:
+    """Pillow alone would refuse its 180 million pixels as a bomb, and warn of half as many."""
+    Image.new("1", (16384, 11000), 1).save(tmp_path / "x.png")
+    code = (
+        "import sys\nfrom model_runtime.images import read_image\n"
+        "print(read_image(sys.argv[1], color=False)[-1, -1])"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path / "x.png")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("1.0\n", "")
+
+
+def attribute(name: str, kind: str, value: bytes) -> bytes:
+    return b"%s\0%s\0" % (name.encode(), kind.encode()) + struct.pack("<i", len(value)) + value
+
+
+def tiled_exr(levels: list[np.ndarray]) -> bytes:
+    """An EXR of one channel Y with a tile a level, written by the specification."""
+    height, width = levels[0].shape
+    box = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    channel = b"Y\0" + struct.pack("<iB3xii", 1, 0, 1, 1) + b"\0"
+    head = struct.pack("<ii", 20000630, 2 | 0x200)
+    head += attribute("channels", "chlist", channel)
+    head += attribute("compression", "compression", b"\0")
+    head += attribute("dataWindow", "box2i", box) + attribute("displayWindow", "box2i", box)
+    head += attribute("lineOrder", "lineOrder", b"\0")
+    head += attribute("pixelAspectRatio", "float", struct.pack("<f", 1))
+    head += attribute("screenWindowCenter", "v2f", bytes(8))
+    head += attribute("screenWindowWidth", "float", struct.pack("<f", 1))
+    head += attribute("tiles", "tiledesc", struct.pack("<IIB", width, height, len(levels) > 1))
+    head += b"\0"
+    table, body = b"", b""
+    for k, level in enumerate(levels):
+        table += struct.pack("<Q", len(head) + 8 * len(levels) + len(body))
+        data = level.astype("<f2").tobytes()
+        body += struct.pack("<5i", 0, 0, k, k, len(data)) + data
+    return head + table + body
+
+
+def test_of_a_mipmap_the_largest_level_is_read(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    levels = [rng.random((side, side)).astype(np.float16) for side in (4, 2, 1)]
+    for kept in (levels, levels[:1]):
+        (tmp_path / "x.exr").write_bytes(tiled_exr(kept))
+        np.testing.assert_array_equal(read_image(tmp_path / "x.exr", color=False), levels[0])
+
+
+def test_subsampled_channels_are_a_sentence(tmp_path: Path) -> None:
+    channel = OpenEXR.Channel("Y", np.zeros((2, 2), np.float16), 2, 2)
+    window = (np.array([0, 0], np.int32), np.array([3, 3], np.int32))
+    header = {"type": OpenEXR.scanlineimage, "dataWindow": window, "displayWindow": window}
+    OpenEXR.File(header, {"Y": channel}).write(str(tmp_path / "x.exr"))
+    with pytest.raises(InputError, match="subsampled"):
+        read_image(tmp_path / "x.exr", color=False)
+
+
+def test_deep_data_are_a_sentence(tmp_path: Path) -> None:
+    samples = np.empty((4, 4), dtype=object)
+    for place in np.ndindex(4, 4):
+        samples[place] = np.ones(3, np.float32)
+    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    for names in ("RGB", "RGBAZ"):
+        OpenEXR.File(header, {name: samples.copy() for name in names}).write(
+            str(tmp_path / "x.exr")
+        )
+        with pytest.raises(InputError, match="deep data"):
+            read_image(tmp_path / "x.exr", color=True)
+
+
+HIDDEN = """
+import resource, sys
+from model_runtime.images import read_image
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(*(read_image(file, color=True).mean() for file in sys.argv[1:]))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is counted in other units")
+def test_what_is_hidden_in_an_exr_takes_no_memory(tmp_path: Path) -> None:
+    """Of 64 planes of 1 MB, in twelve parts or in one, three are wanted."""
+    plane = np.full((512, 512), 0.5, np.float32)
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    color = dict.fromkeys("RGB", plane)
+    parts = [OpenEXR.Part(dict(header), color, name="seen")]
+    for k in range(12):
+        hidden = dict.fromkeys("ABCDE", plane)
+        parts.append(OpenEXR.Part(dict(header), hidden, name=f"hidden {k}"))
+    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
+    channels = color | {f"hidden {k:02}": plane for k in range(61)}
+    OpenEXR.File(header, channels).write(str(tmp_path / "channels.exr"))
+    words = [sys.executable, "-c", HIDDEN, *map(str, tmp_path.iterdir())]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    *means, grown = map(float, done.stdout.split())
+    assert means == [0.5, 0.5]
+    assert grown < 30_000, f"{grown:.0f} KB"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="others have names in Unicode alone")
+def test_a_name_that_is_not_utf8_is_a_name(tmp_path: Path) -> None:
+    plain, folder = tmp_path / "plain", tmp_path / os.fsdecode(b"caf\xe9")
+    plain.mkdir()
+    codes = np.full((4, 4), 255, np.uint8)
+    Image.fromarray(codes).save(plain / "x.png")
+    Image.fromarray(codes).save(plain / "x.tif", compression="tiff_lzw")
+    write_exr(plain / "x.exr", np.ones((4, 4), np.float32))
+    plain.rename(folder)
+    for path in folder.iterdir():
+        assert (read_image(path, color=False) == 1).all()
+
+
 def test_giants_are_refused_before_they_are_decoded(tmp_path: Path) -> None:
     for width, height in ((16385, 1), (1, 16385)):
         Image.new("L", (width, height)).save(tmp_path / "long.png")
         with pytest.raises(InputError, match="16385") as caught:
             read_image(tmp_path / "long.png", color=False)
         assert "16384" in caught.value.hint
+    crowd = {f"hidden {k:03}": np.zeros((1, 16384), np.float16) for k in range(600)}
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    OpenEXR.File(header, crowd | {"Y": crowd["hidden 000"]}).write(str(tmp_path / "crowd.exr"))
+    with pytest.raises(InputError, match="channels"):
+        read_image(tmp_path / "crowd.exr", color=False)
     write_exr(tmp_path / "long.exr", np.zeros((1, 16385), np.float32))
     with pytest.raises(InputError, match="16385 x 1"):
         read_image(tmp_path / "long.exr", color=False)

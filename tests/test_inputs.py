@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from model_runtime.images import read_image, write_exr
 from model_runtime.inputs import hash_input, read_input
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.texture_names import choose_maps
+from tests.ageing import run
 
 
 def save(
@@ -272,7 +274,12 @@ def test_maps_of_different_shapes_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("value", "what"),
-    [(np.nan, "NaN or infinite"), (np.inf, "NaN or infinite"), (-0.25, "negative")],
+    [
+        (np.nan, "NaN or infinite"),
+        (np.inf, "NaN or infinite"),
+        (-0.25, "negative"),
+        (1e30, "above 65,504"),
+    ],
 )
 def test_texels_that_cannot_be_are_counted(tmp_path: Path, value: float, what: str) -> None:
     base = np.full((4, 5, 3), 0.5)
@@ -292,8 +299,46 @@ def test_texels_that_cannot_be_are_counted(tmp_path: Path, value: float, what: s
 def raw_exr(path: Path, channels: dict[str, np.ndarray]) -> None:
     import OpenEXR
 
-    half = {name: np.ascontiguousarray(pixels, np.float16) for name, pixels in channels.items()}
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, half).write(str(path))
+    single = {name: np.ascontiguousarray(pixels, np.float32) for name, pixels in channels.items()}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, single).write(str(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("IOR", 1000.0), ("Specular", 100.0), ("SpecularTint", 100.0)]
+)
+def test_no_socket_is_beyond_what_makes_sense(tmp_path: Path, name: str, most: float) -> None:
+    """The limits of the documentation. Together they make no Ks that half floats do not hold."""
+    write_maps(tmp_path, BaseColor=[[[0.5, 0.5, 0.5]]])
+    raw_exr(tmp_path / f"{name}.exr", {"Y": np.full((1, 1), most)})
+    read_principled(tmp_path)
+    raw_exr(tmp_path / f"{name}.exr", {"Y": np.full((1, 1), 1.01 * most)})
+    refused(tmp_path, rf"{name}\.exr has 1 texels that are above {most:,.0f}")
+
+
+def test_the_brightest_material_that_is_read_can_be_aged(tmp_path: Path) -> None:
+    """Every socket at its limit, some texels dark beside: no frame is NaN, and none says so."""
+    spots = np.arange(64).reshape(8, 8) % 3 == 0
+    bright = {name: np.where(spots, 65504.0, 0.1) for name in ("R", "G", "B")}
+    (tmp_path / "maps").mkdir()
+    raw_exr(tmp_path / "maps" / "BaseColor.exr", bright)
+    for name, most in (("Specular", 100), ("IOR", 1000), ("SpecularTint", 100), ("Metallic", 0.5)):
+        raw_exr(tmp_path / "maps" / f"{name}.exr", {"Y": np.where(spots, most, 0.1)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for format in ("principled", "torrance-sparrow"):
+            for sparse in (False, True):
+                output = tmp_path / f"{format}{sparse}"
+                run(
+                    tmp_path / "maps",
+                    output,
+                    frames=6,
+                    format=format,
+                    quality="draft",
+                    sparse=sparse,
+                    temporal_model="lstm_latents",
+                )
+                for file in output.glob("*.exr"):
+                    assert np.isfinite(read_image(file, color=True)).all(), file.name
 
 
 def test_metallic_and_roughness_end_at_one(tmp_path: Path) -> None:
@@ -345,6 +390,41 @@ def test_links_that_loop_leave_or_hang_are_refused(tmp_path: Path) -> None:
     save(folder / "x_color.png")
     (tmp_path / "link").symlink_to(folder)
     assert read_principled(tmp_path / "link").size == (8, 8)
+
+
+def test_a_folder_that_cannot_be_searched_is_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its names can be listed, and nothing else asked of them."""
+    save(tmp_path / "x_color.png")
+
+    def denied(self: Path, strict: bool = False) -> Path:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "resolve", denied)
+    error = refused(tmp_path, r"x_color\.png cannot be read: Permission denied")
+    assert str(tmp_path) not in error.message
+
+
+def test_names_that_cannot_be_shown_or_are_endless_are_a_sentence(tmp_path: Path) -> None:
+    for path in (
+        tmp_path / ("x" * 300),
+        tmp_path / ("x/" * 5000),
+        tmp_path / "nul\0",
+        tmp_path / "half \ud800",
+        tmp_path / "\x1b[2J",
+    ):
+        error = refused(path, "cannot be read")
+        assert len(str(error)) < 700
+        assert str(error).isprintable()
+    folder = tmp_path / "\x1b[2J\udce9"
+    folder.mkdir()
+    assert str(refused(folder, "no base colour")).isprintable()
+    save(folder / "\x1b[2Joak_color.png")
+    (folder / "\x1b[2Jpine_color.png").write_bytes(b"rubbish")
+    assert str(refused(folder, "several materials")).isprintable()
+    (folder / "\x1b[2Joak_color.png").unlink()
+    assert str(refused(folder, "damaged")).isprintable()
 
 
 def test_hashes_follow_the_content(tmp_path: Path) -> None:

@@ -142,6 +142,17 @@ def test_damaged_files_are_refused_with_a_sentence(smooth_file: Path, tmp_path: 
     refused("no measured value")
 
 
+@pytest.mark.parametrize("value", [1e30, 1e10])
+def test_values_that_no_material_has_are_refused(
+    smooth_table: np.ndarray, tmp_path: Path, value: float
+) -> None:
+    table = smooth_table.astype(np.float64)
+    table[3, 4, 5] = value
+    merl.write(tmp_path / "x.binary", table)
+    with pytest.raises(InputError, match=r"x\.binary holds values that no material has"):
+        merl.read(tmp_path / "x.binary")
+
+
 def test_writing_to_a_missing_folder_is_an_output_error(
     smooth_table: np.ndarray, tmp_path: Path
 ) -> None:

@@ -142,6 +142,18 @@ def _one_row(fields: dict[str, np.ndarray]) -> None:
     fields["sigma"] = np.ones((1, 8), "<f4")
 
 
+def _absurd(field: str, value: float):
+    def change(fields: dict[str, np.ndarray]) -> None:
+        fields[field] = fields[field].copy()
+        fields[field].reshape(-1)[-1] = value
+
+    return change
+
+
+def _large(fields: dict[str, np.ndarray]) -> None:
+    fields["sigma"] = np.full((4096, 4096), 0.5, "<f4")
+
+
 def _no_ndf(fields: dict[str, np.ndarray]) -> None:
     del fields["ndf"]
 
@@ -158,6 +170,13 @@ def _no_ndf(fields: dict[str, np.ndarray]) -> None:
         (_integer, "wrong type"),
         (_one_row, "unusable grid"),
         (_no_ndf, "lacks the fields ndf"),
+        (_large, "larger than any"),
+        *(
+            (_absurd(field, value), "without sense")
+            for field in ("rgb", "ndf", "sigma", "vndf", "theta_i")
+            for value in (3e38, -1e30)
+        ),
+        (_absurd("theta_i", 10.0), "do not fit"),
     ],
 )
 def test_other_measurements_are_refused_with_a_sentence(tmp_path: Path, change, sentence) -> None:
@@ -169,6 +188,20 @@ def test_other_measurements_are_refused_with_a_sentence(tmp_path: Path, change, 
         rgl.read(path)
     assert "other.bsdf" in caught.value.message
     assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("rgb", 1e12), ("ndf", 1e12), ("sigma", 1e-30), ("sigma", 1e-45)]
+)
+def test_fields_that_together_make_absurd_values_are_refused_when_asked(
+    tmp_path: Path, field: str, value: float
+) -> None:
+    fields = plain_fields()
+    fields[field] = np.full_like(fields[field], value)
+    (tmp_path / "x.bsdf").write_bytes(tensor_file(fields))
+    brdf = rgl.read(tmp_path / "x.bsdf")
+    with pytest.raises(InputError, match=r"x\.bsdf holds values that no material has"):
+        brdf.evaluate(random_angles(50))
 
 
 def test_missing_and_foreign_files_are_refused(tmp_path: Path) -> None:
@@ -201,7 +234,7 @@ def test_a_damaged_table_is_refused_or_gives_finite_values(
     path = tmp_path_factory.getbasetemp() / "damaged.bsdf"
     path.write_bytes(content)
     try:
-        brdf = rgl.read(path)
+        f = rgl.read(path).evaluate(random_angles(50))
     except InputError:
         return
-    assert brdf.evaluate(random_angles(50)).isfinite().all()
+    assert f.isfinite().all()

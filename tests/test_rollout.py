@@ -9,12 +9,13 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.torrance_sparrow import ALPHA_MIN
+from model_runtime.errors import ModelFileError
 from model_runtime.histories import roll_out
 from model_runtime.package import MODELS, list_models
 from model_runtime.plan import viewing_angles
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Latents
-from model_runtime.temporal.models import ParameterLSTM
+from model_runtime.temporal.models import LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 COUNT = 10_000
@@ -51,6 +52,31 @@ class TestTenTimesLonger:
         latents = Latents(last[:, :color].reshape(COUNT, 3, -1), last[:, color:])
         assert bool(torch.isfinite(representation.decode(latents, viewing_angles())).all())
         check(roll_out(materials[:FITTED], ntm, "lstm_latents", representation).states)
+
+
+class TestModelsThatLeadNowhere:
+    """Weights that are numbers make states that are none, or latents of another encoder."""
+
+    @pytest.mark.parametrize("rung", ["affine", "lstm_parameters", "lstm_latents"])
+    @pytest.mark.parametrize("value", [torch.nan, torch.inf])
+    def test_not_finite(self, materials: Tensor, rung: str, value: float):
+        ntm, representation = _load("rust")
+
+        class Lost:
+            def rollout(self, state: Tensor, frames: int) -> Tensor:
+                return torch.full((len(state), frames, state.shape[1]), value)
+
+            sizes = ntm.latents.sizes
+
+        name = rung.removeprefix("lstm_")
+        with pytest.raises(ModelFileError, match=r"rust\.safetensors makes .* not finite"):
+            roll_out(materials[:3], replace(ntm, **{name: Lost()}), rung, representation)
+
+    def test_latents_of_another_encoder(self, materials: Tensor):
+        ntm, representation = _load("rust")
+        other = replace(ntm, latents=LatentLSTM(6, 5))
+        with pytest.raises(ModelFileError, match="another encoder"):
+            roll_out(materials[:3], other, "lstm_latents", representation)
 
 
 def check(states: Tensor) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -10,9 +12,11 @@ import pytest
 
 from model_runtime.errors import InputError
 from model_runtime.images import write_exr
+from model_runtime.representation import load_representation
 from model_runtime.timing import Timing
 from training.data.location import data_folder as find_data
 from training.data.sequences import MixtureSequence, Sequence, read_sequence
+from training.histories import source_histories
 
 CENTRE = (slice(80, 380), slice(80, 380))  # the crop of data/README.md
 
@@ -105,10 +109,14 @@ def test_rusting_iron_has_the_published_statistics(data_folder):
     assert not clamped.out_of_range().any()
 
 
-def test_a_measured_mixture(tmp_path):
-    (tmp_path / "mixture.json").write_text(json.dumps({"materials": ["steel", "alum-bronze"]}))
+def write_mixture(folder, materials: list[str]) -> None:
+    (folder / "mixture.json").write_text(json.dumps({"materials": materials}))
     for k in range(1, 6):
-        write_exr(tmp_path / f"w_{k:04d}.exr", np.full((3, 2), (k - 1) / 4, np.float32))
+        write_exr(folder / f"w_{k:04d}.exr", np.full((3, 2), (k - 1) / 4, np.float32))
+
+
+def test_a_measured_mixture(tmp_path):
+    write_mixture(tmp_path, ["steel", "alum-bronze"])
     sequence = read_sequence(tmp_path)
     assert isinstance(sequence, MixtureSequence)
     assert sequence.materials == ("steel", "alum-bronze")
@@ -127,6 +135,102 @@ def test_a_gap_is_named(tmp_path):
     write_frames(tmp_path, frames=4)
     (tmp_path / "ks_0003.exr").unlink()
     with pytest.raises(InputError, match=r"lacks ks_0003\.exr"):
+        read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("number", ["999999999", "9" * 200, "0000"])
+def test_a_number_beyond_counting_is_a_gap(tmp_path, number: str):
+    """Nothing is counted up to it, so that it takes neither memory nor time."""
+    write_frames(tmp_path, frames=3)
+    (tmp_path / f"kd_{number}.exr").write_bytes(b"")
+    with pytest.raises(InputError, match=r"lacks kd_0004\.exr"):
+        read_sequence(tmp_path)
+
+
+def test_more_frames_than_a_model_can_have(tmp_path):
+    for k in range(1, 1002):
+        for name in ("kd", "ks", "alpha"):
+            (tmp_path / f"{name}_{k:04d}.exr").touch()
+    with pytest.raises(InputError, match="has 1,001 frames"):
+        read_sequence(tmp_path)
+    (tmp_path / "Diffuse-0.exr").touch()
+    for file in tmp_path.glob("*_*.exr"):
+        file.unlink()
+    with pytest.raises(InputError, match="cannot have 1001 frames"):
+        read_sequence(tmp_path, frames=1001)
+
+
+def test_more_texels_than_memory_holds(tmp_path):
+    """Of which the first frame is read, and none of the 999 others."""
+    for k in range(1, 1001):
+        for name in ("kd", "ks", "alpha"):
+            (tmp_path / f"{name}_{k:04d}.exr").touch()
+    write_exr(tmp_path / "kd_0001.exr", np.zeros((600, 600), np.float32))
+    with pytest.raises(InputError, match="1000 frames of 600 x 600"):
+        read_sequence(tmp_path)
+
+
+ODD_JSON = {
+    "not UTF-8": b'{"times": [0, 0.5, 1], "x": "\xff"}',
+    "deep": b"[" * 100_000,
+    "a number": b"5",
+    "null": b"null",
+    "an endless number": b'{"times": [0, 0.5, 1e999]}',
+    "a long number": b'{"times": [0, 0.5, ' + b"9" * 4000 + b"]}",
+    "texts": b'{"times": ["0", "x", []]}',
+    "large": b" " * (2 << 20) + b'{"times": [0, 0.5, 1]}',
+}
+
+
+@pytest.mark.parametrize("content", ODD_JSON.values(), ids=ODD_JSON.keys())
+def test_json_of_any_kind_is_a_sentence(tmp_path, content: bytes):
+    write_frames(tmp_path)
+    (tmp_path / "sequence.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"sequence\.json of .* rising time"):
+        read_sequence(tmp_path)
+    (tmp_path / "mixture.json").write_bytes(content)
+    with pytest.raises(InputError, match=r"mixture\.json of .* two materials"):
+        read_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("materials", ['["a", null]', '"ab"', '{"a": 1, "b": 2}', "[[], []]"])
+def test_materials_that_are_no_names(tmp_path, materials: str):
+    (tmp_path / "mixture.json").write_text(f'{{"materials": {materials}}}')
+    with pytest.raises(InputError, match="two materials"):
+        read_sequence(tmp_path)
+
+
+def test_materials_that_nobody_measured(tmp_path, data_folder):
+    write_mixture(tmp_path, ["steel", "\x1b[2Junobtainium"])
+    mixture = read_sequence(tmp_path)
+    representation, _ = load_representation()
+    with pytest.raises(InputError, match=r"no measured material called .*unobtainium") as caught:
+        source_histories(mixture, representation)
+    assert str(caught.value).isprintable()
+
+
+def test_files_that_are_none_are_not_waited_for(tmp_path):
+    write_frames(tmp_path)
+    os.mkfifo(tmp_path / "sequence.json")
+    with pytest.raises(InputError, match="rising time"):
+        read_sequence(tmp_path)
+    (tmp_path / "sequence.json").unlink()
+    (tmp_path / "ks_0002.exr").unlink()
+    os.mkfifo(tmp_path / "ks_0002.exr")
+    with pytest.raises(InputError, match=r"ks_0002\.exr is not a file"):
+        read_sequence(tmp_path)
+
+
+def test_a_folder_that_cannot_be_read(tmp_path, monkeypatch):
+    for path in (tmp_path / ("x" * 300), tmp_path / "half \ud800"):
+        with pytest.raises(InputError, match="folder"):
+            read_sequence(path)
+
+    def denied(self: Path):
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "iterdir", denied)
+    with pytest.raises(InputError, match="cannot be read: Permission denied"):
         read_sequence(tmp_path)
 
 
@@ -165,7 +269,7 @@ def test_a_single_frame_is_refused(tmp_path):
 
 def test_values_that_are_not_numbers_are_refused(tmp_path):
     write_frames(tmp_path)
-    for value in (np.nan, np.inf):
+    for value in (np.nan, np.inf, 1e30, -3e38):
         broken = np.zeros((4, 6), np.float32)
         broken[2, 3] = value
         OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": broken}).write(

@@ -20,18 +20,19 @@ import numpy as np
 import pytest
 import torch
 from safetensors import safe_open
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
 import training.__main__ as command
-from model_runtime.errors import InputError, ModelFileError, UsageError
+from model_runtime.errors import InputError, ModelFileError, OutputError, UsageError
 from model_runtime.images import write_exr
 from model_runtime.maps import TorranceSparrowMaps
 from model_runtime.package import ENCODER, read_card
 from model_runtime.representation import load_representation
+from model_runtime.temporal.models import Affine
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 from tests.ageing import run, write_torrance_sparrow
 from training import encoder, ntm
-from training.checkpoint import save_checkpoint
+from training.checkpoint import DivergedError, save_checkpoint
 from training.data import weathering
 from training.data.synthetic import s2
 from training.encoder import CONFIGS, train_encoder
@@ -290,9 +291,84 @@ class TestNTM:
         with pytest.raises(InputError, match="holds no sequence"):
             train(tmp_path, tmp_path / "moss.safetensors")
 
+    def test_a_checkpoint_that_is_no_number_replaces_no_model(self, rusting, tmp_path):
+        output = train(rusting, tmp_path / "moss.safetensors")
+        good = output.read_bytes()
+        checkpoint = tmp_path / "moss.latents.checkpoint.safetensors"
+        spoil(checkpoint)
+        with pytest.raises(ModelFileError, match="not finite"):
+            train(rusting, output, resume=True)
+        assert output.read_bytes() == good
+
+    def test_nor_does_a_training_whose_values_are_none(self, rusting, tmp_path, monkeypatch):
+        output = train(rusting, tmp_path / "moss.safetensors")
+        good = output.read_bytes()
+
+        def fit(histories, observed):
+            return Affine(*torch.full((2, histories.shape[1], 7), torch.inf))
+
+        monkeypatch.setattr(ntm.Affine, "fit", fit)
+        with pytest.raises(ModelFileError, match="not finite"):
+            train(rusting, output)
+        assert output.read_bytes() == good
+        assert not list(tmp_path.glob(".*"))
+
+    def test_a_training_that_diverges_says_so(self, rusting, tmp_path):
+        output = tmp_path / "moss.safetensors"
+        with pytest.raises(DivergedError):
+            train(rusting, output, config=replace(TINY, learning_rate=float("inf")))
+        assert not list(tmp_path.glob("*.safetensors"))
+
+    @pytest.mark.parametrize("what", ["output", "checkpoint", "log", "parent"])
+    def test_what_cannot_be_written_is_known_before(self, rusting, tmp_path, monkeypatch, what):
+        output = tmp_path / "new" / "moss.safetensors"
+        if what == "parent":
+            (tmp_path / "new").write_text("in the way")
+        elif what == "log":
+            (tmp_path / "new").mkdir()
+            output.with_suffix(".tensorboard").write_text("in the way")
+        else:
+            ending = ".safetensors" if what == "output" else ".parameters.checkpoint.safetensors"
+            output.with_suffix(ending).mkdir(parents=True)
+        monkeypatch.setattr(ntm.tqdm, "__iter__", None)  # no step is taken
+        with pytest.raises(OutputError, match="cannot be written"):
+            train(rusting, output)
+
+    @pytest.mark.parametrize(
+        ("field", "value"),
+        [
+            ("name", ""),
+            ("title", "\x1b[2J"),
+            ("description", "half \ud800"),
+            ("source", "x" * 900_000),
+            ("process", "x" * 900),
+        ],
+    )
+    def test_a_card_that_nobody_could_read_is_refused_before(self, rusting, tmp_path, field, value):
+        with pytest.raises(UsageError, match=f"its {field} ") as error:
+            train(rusting, tmp_path / "moss.safetensors", card=CARD | {field: value})
+        assert str(error.value).isprintable()
+        assert not list(tmp_path.iterdir())
+
+    def test_a_folder_of_any_name_can_be_learned_from(self, rusting, tmp_path):
+        folder = tmp_path / "se\x1bquence \udce9"
+        folder.symlink_to(rusting)
+        path = train(folder, tmp_path / "moss.safetensors")
+        assert "quence" in read_card(path).trained["command"]
+
     def test_a_missing_encoder(self, rusting, tmp_path):
         with pytest.raises(ModelFileError, match="no model file"):
             train(rusting, tmp_path / "moss.safetensors", encoder=tmp_path / "none.safetensors")
+
+
+def spoil(checkpoint: Path) -> None:
+    """Write NaN into the first of the model's weights."""
+    with safe_open(checkpoint, framework="pt") as stored:
+        record = stored.metadata()
+    content = load_file(checkpoint)
+    name = min(name for name in content if name.startswith("model."))
+    content[name].view(-1)[0] = torch.nan
+    save_file(content, checkpoint, record)
 
 
 def write_sequence(folder: Path, kd: np.ndarray, ks: np.ndarray, alpha: np.ndarray) -> None:
@@ -335,13 +411,55 @@ class TestCommand:
         assert "There is no folder" in said
         assert "Traceback" not in said
 
+    @pytest.mark.parametrize("seed", ["-1", str(1 << 64)])
+    def test_a_seed_out_of_range(self, monkeypatch, tmp_path, capsys, seed: str):
+        words = ["weathering", "rust", "--output", tmp_path / "s", "--seed", seed]
+        assert self.call(monkeypatch, *words) == 2
+        assert "seed" in capsys.readouterr().err
+        assert not list(tmp_path.iterdir())
+
+    def test_the_system_s_errors_are_a_sentence_too(self, monkeypatch, tmp_path, capsys):
+        def fail(*args, **options):
+            raise OSError(28, "No space left on device", "/a/b")
+
+        monkeypatch.setattr(weathering, "write", fail)
+        words = ["weathering", "rust", "--output", tmp_path / "s"]
+        assert self.call(monkeypatch, *words) == 1
+        assert capsys.readouterr().err == "/a/b: No space left on device.\n"
+
+    def test_ctrl_c_is_exit_code_130_and_keeps_the_checkpoint(self, rusting, tmp_path):
+        """While the second LSTM is trained: the first has its checkpoint."""
+        output = tmp_path / "moss.safetensors"
+        checkpoint = tmp_path / "moss.parameters.checkpoint.safetensors"
+        words = ["ntm", "--sequence", rusting, "--encoder", ENCODER, "--output", output]
+        child = subprocess.Popen(
+            [sys.executable, "-m", "training", *map(str, words), "--name", "x", "--minutes", "0.1"],
+            cwd=ROOT,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            deadline = time.monotonic() + 120
+            while not checkpoint.exists() and time.monotonic() < deadline:
+                time.sleep(0.02)
+            child.send_signal(signal.SIGINT)
+            _, said = child.communicate(timeout=60)
+        finally:
+            child.kill()
+        assert child.returncode == 130
+        assert "--resume" in said.splitlines()[-1]
+        assert "Traceback" not in said
+        assert load_file(checkpoint)
+        assert not output.exists()
+        assert not list(tmp_path.glob(".*"))
+
     def test_a_missing_data_folder(self, monkeypatch, tmp_path, capsys):
         monkeypatch.setenv("TVBRDF_DATA", str(tmp_path / "none"))
         code = self.call(monkeypatch, "encoder", "--output", tmp_path / "e.safetensors")
         assert code == 1
         assert "TVBRDF_DATA" in capsys.readouterr().err
 
-    @pytest.mark.parametrize("minutes", ["0", "-1", "nan", "inf"])
+    @pytest.mark.parametrize("minutes", ["0", "-1", "nan", "inf", "1e300"])
     def test_no_time_is_no_training(self, monkeypatch, tmp_path, capsys, minutes: str):
         code = self.call(
             monkeypatch, "encoder", "--output", tmp_path / "e.safetensors", "--minutes", minutes

@@ -300,6 +300,20 @@ def test_what_cannot_be_made_is_refused(tmp_path):
         generate("rust", frames=1)
     with pytest.raises(InputError, match="0 x 0"):
         generate("rust", size=0)
+    for size, frames in ((4, 1001), (17000, 2), (10**9, 10**9)):
+        with pytest.raises(InputError, match=f"{frames} frames of {size} x {size}"):
+            generate("rust", size=size, frames=frames)
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="cannot be written"):
         write("rust", tmp_path / "file" / "below", size=4, frames=2)
+
+
+def test_frames_of_somebody_else_are_not_replaced(tmp_path):
+    (tmp_path / "kd_0007.exr").write_bytes(b"a day's work")
+    for described in (None, '{"times": [0, 1]}'):
+        if described is not None:
+            (tmp_path / "sequence.json").write_text(described)
+        with pytest.raises(OutputError, match="has not written"):
+            write("rust", tmp_path, size=4, frames=2)
+        assert (tmp_path / "kd_0007.exr").read_bytes() == b"a day's work"
+        assert not (tmp_path / "kd_0001.exr").exists()

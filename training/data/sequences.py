@@ -155,7 +155,7 @@ class _Folder:
             raise InputError(
                 f"There is no folder {shown(path)}.", "Name a folder that holds a sequence of maps."
             ) from error
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: no path at all
             raise InputError(
                 f"The folder {shown(path)} cannot be read: {reason(error)}.", "Check the path."
             ) from error
@@ -203,9 +203,10 @@ def _read_polynomials(folder: _Folder, frames: int, crop: Crop | None) -> Sequen
 
 def _read_mixture(folder: _Folder, crop: Crop | None) -> MixtureSequence:
     try:
-        first, second = folder.json("mixture.json")["materials"]
-        if not isinstance(first, str) or not isinstance(second, str):
-            raise TypeError("not two names")
+        materials = folder.json("mixture.json")["materials"]
+        if not isinstance(materials, list) or not all(isinstance(name, str) for name in materials):
+            raise TypeError("not names")
+        first, second = materials
     except _NOT_JSON as error:
         raise InputError(
             f"The mixture.json of {folder} does not name two materials.",
