@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, BinaryIO, TextIO
 
 from . import __version__
-from .errors import Cancelled, TvbrdfError, UsageError
+from .errors import Cancelled, TvbrdfError, UsageError, ran_out_of_memory, reason, shown
 from .request import MissingLibraryError, cards, load_age, request_from
 
 __all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "claim_stdout", "serve")
@@ -104,8 +104,8 @@ class Server:
             if not isinstance(request_id, int | str) or not isinstance(args, dict | None):
                 raise TypeError(request)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            shown = ascii(line[:200].decode(errors="replace").strip())
-            self._reply_error(None, "protocol", f"This is not a request: {shown}")
+            start = shown(line[:200].decode(errors="replace").strip())
+            self._reply_error(None, "protocol", f"This is not a request: {start}")
             return True
         args = args or {}
         match verb:
@@ -119,7 +119,7 @@ class Server:
                 self._reply({"id": request_id, "type": "done", "result": {}})
                 return False
             case _:
-                self._reply_error(request_id, "protocol", f"There is no verb {ascii(verb)[:200]}.")
+                self._reply_error(request_id, "protocol", f"There is no verb {shown(verb)}.")
         return True
 
     def _accept(self, run: _Run) -> None:
@@ -260,24 +260,16 @@ def _cards(args: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _unforeseen(error: Exception) -> dict[str, Any]:
-    if isinstance(error, MemoryError) or _is_torchs_memory_error(error):
+    if ran_out_of_memory(error):
         return _error(
             "memory",
             "There is not enough memory for this run.",
             "Choose a smaller size or fewer frames.",
         )
     reply = _error(
-        "internal", f"Something went wrong inside the worker: {type(error).__name__}: {error}", ""
+        "internal", f"This should not happen ({type(error).__name__}: {reason(error)}).", ""
     )
     return reply | {"details": traceback.format_exc()}
-
-
-def _is_torchs_memory_error(error: Exception) -> bool:
-    # Of a GPU it is a class of its own; on the CPU it is told by its text.
-    return isinstance(error, RuntimeError) and (
-        type(error).__name__ == "OutOfMemoryError"
-        or any(words in str(error) for words in ("can't allocate memory", "not enough memory"))
-    )
 
 
 def _error(code: str, message: str, hint: str) -> dict[str, Any]:

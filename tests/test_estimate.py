@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,11 +61,28 @@ def test_rates_are_kept(tmp_path: Path):
     assert Rates.load(tmp_path / "rates.json") == rates
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"write": 6e-7}', '{"model": 3}', '{"x": 1}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "[]", "{", '{"write": 6e-7}', '{"model": 3}', '{"x": 1}', "[" * 100_000),
+        *('{"overhead": NaN}', '{"overhead": Infinity}', '{"overhead": -1}', '{"overhead": "1"}'),
+        *(
+            '{"write": {"draft": NaN}}',
+            '{"stored": {"x": null}}',
+            f'{{"overhead": 1{400 * "0"}}}',
+        ),
+    ],
+    ids=lambda text: text[:24],
+)
 def test_a_broken_file_of_rates_is_forgotten(tmp_path: Path, text: str):
     (tmp_path / "rates.json").write_text(text)
     assert Rates.load(tmp_path / "rates.json") == Rates()
     assert Rates.load(tmp_path / "none.json") == Rates.load(None) == Rates()
+
+
+def test_a_file_of_rates_that_never_ends_is_left_at_once(tmp_path: Path):
+    os.mkfifo(tmp_path / "rates.json")
+    assert Rates.load(tmp_path / "rates.json") == Rates()
 
 
 @pytest.mark.parametrize(
@@ -80,6 +98,10 @@ def test_a_broken_file_of_rates_is_forgotten(tmp_path: Path, text: str):
         (52000, "15 hours"),
         (500_000, "6 days"),
         (40_000_000, "450 days"),
+        (1e12, "over 100 years"),
+        (float("inf"), "over 100 years"),
+        (float("nan"), "over 100 years"),
+        (10**400, "over 100 years"),
     ],
 )
 def test_time_is_said_no_finer_than_a_guess(seconds: float, said: str):
@@ -88,7 +110,10 @@ def test_time_is_said_no_finer_than_a_guess(seconds: float, said: str):
 
 @pytest.mark.parametrize(
     ("count", "said"),
-    [(1e5, "1 MB"), (8.3e6, "8 MB"), (312e6, "300 MB"), (1.26e9, "1.3 GB"), (24e9, "25 GB")],
+    [
+        *((1e5, "1 MB"), (8.3e6, "8 MB"), (312e6, "300 MB"), (1.26e9, "1.3 GB"), (24e9, "25 GB")),
+        *((1e30, "over 1,000,000 TB"), (float("inf"), "over 1,000,000 TB")),
+    ],
 )
 def test_disk_use_is_rounded(count: float, said: str):
     assert in_bytes(count) == said

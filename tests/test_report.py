@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tvbrdf.model_runtime.errors import is_plain
 from tvbrdf.tvbrdf_addon.report import report_in
 
 AGED = {
@@ -61,7 +64,82 @@ def test_a_new_result_is_read_again(tmp_path: Path):
     assert report_in(tmp_path).temporal_model == "constant"
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"size": 3}', '{"command": "age \'"}'])
+def fifo(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def gigantic(path: Path) -> None:
+    with path.open("wb") as file:
+        file.write(b'{"size": [')
+        file.truncate(1 << 40)
+
+
+def many_numbers(path: Path) -> None:
+    path.write_text(json.dumps(AGED | {"times": [0] * 5_000_000}))
+
+
+@pytest.mark.parametrize("make", [fifo, device, gigantic, many_numbers, Path.mkdir])
+def test_whatever_lies_there_is_looked_at_and_left_at_once(tmp_path: Path, make: Callable):
+    """Drawing a panel must not wait: the time is that of one drawn frame, or a few."""
+    make(tmp_path / "aged.json")
+    started = time.perf_counter()
+    assert report_in(tmp_path) is None
+    assert report_in(tmp_path) is None
+    assert time.perf_counter() - started < 1
+
+
+WRONG = (
+    None,
+    True,
+    "x",
+    [],
+    {},
+    -1,
+    1.5,
+    10**400,
+    float("nan"),
+    float("inf"),
+    "\udce9",
+    ["\x1b[2J"],
+)
+
+
+@pytest.mark.parametrize("field", [*AGED, "size.0", "seconds.read", "plan.0", "warnings.0"])
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: ascii(wrong)[:12])
+def test_what_it_says_can_be_drawn_or_is_no_report(tmp_path: Path, field: str, wrong: object):
+    aged = json.loads(json.dumps(AGED))
+    part, _, inner = field.partition(".")
+    if inner:
+        aged[part][int(inner) if inner.isdigit() else inner] = wrong
+    else:
+        aged[part] = wrong
+    (tmp_path / "aged.json").write_text(json.dumps(aged))
+    if (report := report_in(tmp_path)) is not None:
+        for text in (report.ntm, report.change("affine"), *report.sentences, *report.warnings):
+            assert is_plain(text) and len(text) < 1000
+        assert "inf" not in report.sentences[-1] and "nan" not in report.sentences[-1]
+        assert all(0 < side < 2**31 for side in report.size)
+
+
+def test_endless_text_has_an_end(tmp_path: Path):
+    report = report_in(written(tmp_path, plan=["x" * 900_000] * 7, warnings=["y" * 900_000]))
+    assert sum(map(len, report.sentences)) < 50_000
+    report = report_in(written(tmp_path, plan=["x" * 9000] * 200, command="--seed " * 100_000))
+    assert 1000 < sum(map(len, report.sentences)) < 50_000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "[]", "{}", '{"size": 3}', '{"command": "age \'"}'),
+        *("[" * 100_000, '{"size":' * 100_000, "\x00", "NaN"),
+    ],
+    ids=lambda text: text[:12],
+)
 def test_no_report_where_it_is_damaged_or_gone(tmp_path: Path, text: str):
     assert report_in(tmp_path) is None
     (tmp_path / "aged.json").write_text(text)

@@ -11,7 +11,6 @@ temporal model (through latents or not).
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -96,7 +95,7 @@ class Rates:
             tables = {name: first | kept.get(name, {}) for name, first in _FIRST.items()}
             rates = cls(**{**kept, **tables})
             for rate in (rates.overhead, *(each for of in tables.values() for each in of.values())):
-                if not 0 <= rate < math.inf:
+                if not 0 <= rate < CENTURY:
                     raise ValueError(f"{rate} is not a rate")
         except (OSError, ValueError, TypeError, AttributeError):
             return cls()

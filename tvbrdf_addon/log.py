@@ -13,9 +13,8 @@ from pathlib import Path
 import bpy
 
 from ..model_runtime import __version__
-from ..model_runtime.errors import Cancelled, TvbrdfError
+from ..model_runtime.errors import Cancelled, TvbrdfError, reason, shown
 from . import preferences
-from .plain import plain
 
 __all__ = ("is_cancel", "said_of", "tell")
 
@@ -36,9 +35,9 @@ def said_of(error: BaseException) -> str:
     if isinstance(error, TvbrdfError):
         said, details = str(error), getattr(error, "details", "")
     else:
-        said = f"Something went wrong that nobody foresaw ({type(error).__name__}: {error})."
+        said = f"This should not happen ({type(error).__name__}: {reason(error)})."
         details = "".join(traceback.format_exception(error))
-    return f"{plain(said)} {_logged(details)}" if details else plain(said)
+    return f"{said} {_logged(details)}" if details else said
 
 
 def is_cancel(error: BaseException) -> bool:
@@ -65,7 +64,7 @@ def _logged(details: str) -> str:
             tell(details, of_error=True)
             return "Please report it, with what the system console shows."
         _last_details = details
-    return f"Please report it and send the file {plain(path)}."
+    return f"Please report it and send the file {shown(path)}."
 
 
 def _path() -> Path:

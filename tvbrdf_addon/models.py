@@ -8,16 +8,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..model_runtime import package
-from ..model_runtime.errors import ModelFileError
-from .plain import is_plain, plain
+from ..model_runtime.errors import shown
 
 __all__ = ("OWN_FILE", "Models", "enum_number", "models_in")
 
 # The item of the list that means a file of the user's own.
 OWN_FILE = "file"
-
-# What a list can show; a tooltip is a little longer.
-LONGEST_NAME, LONGEST_TITLE, LONGEST_DESCRIPTION = 63, 100, 2000
 
 
 class Models(NamedTuple):
@@ -36,9 +32,9 @@ _stamp: tuple[tuple[Path, float], ...] = ()
 def models_in(folders: Sequence[Path]) -> Models:
     """The models in `folders`, read again only when one of these has changed."""
     global _models, _stamp
-    stamp = tuple((folder, folder.stat().st_mtime) for folder in folders if _is_there(folder))
+    stamp = tuple((folder, _written(folder)) for folder in folders)
     if _models is None or _stamp != stamp:
-        _models, _stamp = _read([folder for folder, _ in stamp]), stamp
+        _models, _stamp = _read(folders), stamp
     return _models
 
 
@@ -47,40 +43,24 @@ def enum_number(name: str) -> int:
     return zlib.crc32(name.encode()) & 0x7FFFFFFF
 
 
-def _is_there(folder: Path) -> bool:
+def _written(folder: Path) -> float | None:
     try:
-        return folder.is_dir()
-    except OSError:  # in one that may not be looked into, or too long a name
-        return False
+        return folder.stat().st_mtime
+    except (OSError, ValueError):  # not there, or not to be looked into
+        return None
 
 
 def _read(folders: Sequence[Path]) -> Models:
-    refused: list[ModelFileError] = []
+    left_out: list[str] = []
     cards: dict[str, package.ModelCard] = {}
-    left_out = []
-    for card in package.list_models(folders, skipped=refused.append):
-        if reason := _why_not(card):
-            left_out.append(f"{plain(card.path.name)} is left out: {reason}.")
+    for card in package.list_models(folders, skipped=lambda error: left_out.append(str(error))):
+        if card.name == OWN_FILE:
+            left_out.append(f"{shown(card.path.name)} calls itself {OWN_FILE}. Rename the model.")
         else:
             cards.setdefault(card.name, card)
-    left_out.extend(plain(error) for error in refused)
     items = [
         (card.name, card.title, card.description, "NONE", enum_number(card.name))
         for card in cards.values()
     ]
     own = (OWN_FILE, "From File…", "A model file of your own", "FILE", enum_number(OWN_FILE))
     return Models(cards, [*items, own], tuple(left_out))
-
-
-def _why_not(card: package.ModelCard) -> str | None:
-    """Why Blender cannot list the model: one bad text would empty the whole list."""
-    for what, text, longest in (
-        ("name", card.name, LONGEST_NAME),
-        ("title", card.title, LONGEST_TITLE),
-        ("description", card.description, LONGEST_DESCRIPTION),
-    ):
-        if not is_plain(text, longest=longest):
-            return f"its {what} cannot be shown"
-    if not card.name or not card.title:
-        return "it has no name or no title"
-    return f"its name is {OWN_FILE}, which means another thing" if card.name == OWN_FILE else None

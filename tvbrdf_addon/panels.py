@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import bpy
 
+from ..model_runtime.errors import shown
 from . import properties, session
 from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
@@ -19,7 +20,6 @@ from .material.onset import is_invertible
 from .material.record import is_live
 from .material.revert import is_aged
 from .operators import material_of
-from .plain import plain
 from .report import report_in
 from .run import Run, why_not
 from .sharing import left_out
@@ -32,6 +32,7 @@ Draw = Callable[[bpy.types.UILayout, bpy.types.Context], None]
 # take away from a line.
 LETTER_PIXELS = 6.4
 MARGIN_PIXELS = 55
+LONGEST_TEXT = 2000
 
 
 def _paragraph(
@@ -41,7 +42,9 @@ def _paragraph(
     pixels = context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(textwrap.wrap(plain(text), max(int(pixels / LETTER_PIXELS), 12))):
+    for number, line in enumerate(
+        textwrap.wrap(shown(text, most=LONGEST_TEXT), max(int(pixels / LETTER_PIXELS), 12))
+    ):
         if icon == "NONE":
             column.label(text=line)
         else:

@@ -9,8 +9,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from ..model_runtime.errors import shown
 from .estimate import in_bytes, in_time
-from .plain import plain
 from .small_json import read_json
 
 __all__ = ("Report", "report_in")
@@ -20,6 +20,7 @@ _LONGEST_SIDE = 1 << 20
 _MOST_FRAMES = 1 << 20
 _MOST_FILES = 1 << 17
 _MOST_SENTENCES = 50
+_LONGEST_SENTENCE = 600
 
 _MODEL_OPTION = "--temporal-model"
 _MODELS = {
@@ -82,13 +83,13 @@ def _understood(aged: dict[str, Any], folder: Path) -> Report:
     words = str(aged.get("command", "")).split()
     return Report(
         size=(height, width),
-        ntm=plain(aged["ntm"]),
-        temporal_model=plain(aged["temporal_model"]),
+        ntm=shown(aged["ntm"]),
+        temporal_model=shown(aged["temporal_model"]),
         asked=_MODEL_OPTION in words and words[words.index(_MODEL_OPTION) + 1] != "auto",
         sentences=(
             *_sentences(aged["plan"]),
             f"{frames} frame{'s' * (frames > 1)} of {width} x {height} px, {in_bytes(stored)}, "
-            f"in {in_time(seconds)} at quality {plain(aged['quality']).capitalize()}.",
+            f"in {in_time(seconds)} at quality {shown(aged['quality']).capitalize()}.",
         ),
         warnings=_sentences(aged["warnings"]),
     )
@@ -109,4 +110,4 @@ def _seconds(value: object) -> float:
 def _sentences(value: object) -> tuple[str, ...]:
     if not isinstance(value, list):
         raise TypeError(f"{value!r} is not a list")
-    return tuple(map(plain, value[:_MOST_SENTENCES]))
+    return tuple(shown(each, most=_LONGEST_SENTENCE) for each in value[:_MOST_SENTENCES])

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import bpy
 from bpy.app.handlers import persistent
 
-from . import output, preferences
+from ..model_runtime.commit import recover
+from . import preferences
 from .errors import SettingsError
 from .log import tell
 from .run import Run, plan, take_preview_back
@@ -139,7 +140,7 @@ def stop_worker() -> None:
     if worker is not None:
         worker.stop()
     if run is not None:
-        output.remove_partial(run.plan.folder)
+        recover(run.plan.folder)
 
 
 def _warm_worker() -> Worker:

@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..model_runtime.errors import shown
 from .errors import WorkerError
 from .launch import Launch
-from .plain import plain
 from .process import Worker
 
 __all__ = ("PROTOCOL", "Done", "Launch", "Message", "Notice", "Progress", "Worker", "run")
@@ -35,6 +35,7 @@ START_SECONDS = 60.0
 SILENCE_SECONDS = 10.0
 # A run notices a cancel between two batches of texels.
 CANCEL_SECONDS = 15.0
+LONGEST_NOTICE = 600
 # A longer pause between two looks was not spent waiting.
 LOOK_SECONDS = 1.0
 
@@ -185,16 +186,16 @@ def _typed(message: Mapping[str, Any]) -> Message | None:
     match message:
         case {"type": "progress", "stage": str(stage), "fraction": int() | float() as fraction}:
             # In this order NaN becomes 0.
-            return Progress(plain(stage), min(max(0.0, fraction), 1.0))
+            return Progress(shown(stage), min(max(0.0, fraction), 1.0))
         case {"type": "warning", "message": str(text)}:
-            return Notice(plain(text))
+            return Notice(shown(text, most=LONGEST_NOTICE))
         case {"type": "done", "result": result}:
             return Done(result)
         case {"type": "error"}:
             raise WorkerError(
-                plain(message.get("message") or "The worker reported an error without words."),
-                plain(message.get("hint") or ""),
-                code=plain(message.get("code") or "internal"),
+                str(message.get("message") or "The worker reported an error without words."),
+                str(message.get("hint") or ""),
+                code=str(message.get("code") or "internal"),
                 details=str(message.get("details") or ""),
             )
     return None
@@ -209,7 +210,7 @@ def _death(worker: Worker) -> WorkerError:
         return WorkerError(message, hint, code="died")
     words = worker.last_words().strip()
     if words:
-        hint = f"Its last words: {plain(words.splitlines()[-1], longest=200)}."
+        hint = f"Its last words: {shown(words.splitlines()[-1], most=200)}."
     else:
         hint = "Press the button again; if that does not help, install the extension again."
     return WorkerError(message, hint, code="died", details=words)

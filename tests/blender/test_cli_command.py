@@ -5,6 +5,13 @@ The Blender module has no dispatcher, so the registered function is called.
 
 from __future__ import annotations
 
+import contextlib
+import os
+import re
+import signal
+import sys
+import threading
+import time
 from pathlib import Path
 
 import bpy
@@ -12,6 +19,7 @@ import numpy as np
 import pytest
 
 from tests.blender.material_cases import pixels
+from tvbrdf.tvbrdf_addon import session
 from tvbrdf.tvbrdf_addon.cli import main
 from tvbrdf.tvbrdf_addon.material.revert import is_aged
 
@@ -218,11 +226,74 @@ def test_what_is_not_there_is_said_before_any_work(
         ["--material", "Steel", *USUAL, "--tolerance", "lots"],
         ["--material", "Steel", *USUAL, "--surprise"],
         ["--material", "Steel", *USUAL, "--size", "large"],
+        ["--material", "Steel", *USUAL, "--seed", str(2**31)],
+        ["--material", "Steel", *USUAL, "--steps", "9" * 400],
+        ["--material", "Steel", *USUAL, "--seed", "9" * 5000],
+        ["--material", "Steel", *USUAL, "--tolerance", "nan"],
+        ["--material", "Steel", "--ntm", "rust", "--frames", "1-2147483648"],
+        ["--material", "Steel", "--ntm", "rust", "--frames", "-9999999-5"],
     ],
 )
 def test_wrong_usage(folder: Path, words: list[str]):
     assert main(words) == 2
     assert aged() == set()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_ends_it_and_leaves_nothing_half_done(
+    folder: Path, capfd, monkeypatch, number: int, code: int
+):
+    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "30")
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    materials = ["--material", "Steel", "--material", "Copper", "--material", "Oak"]
+    words = [*materials, *USUAL, "--steps", "600", "--save-as", "aged.blend"]
+    killer = threading.Thread(target=lambda: interrupt_when_ageing(number))
+    killer.start()
+    try:
+        assert main(words) == code
+    finally:
+        killer.join()
+    out, err = capfd.readouterr()
+    assert aged() == set()
+    assert "Steel: Cancelled" in err
+    assert "Not aged: Steel, Copper, Oak. aged.blend was not written." in err
+    assert "Copper:" not in out, "it was not even begun"
+    assert not [path for path in folder.rglob("*") if "partial" in path.name]
+    assert not (folder / "aged.blend").exists()
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def interrupt_when_ageing(number: int) -> None:
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        run = session.current()
+        if run is not None and run.fraction > 0:
+            os.kill(os.getpid(), number)
+            return
+        time.sleep(0.02)
+
+
+def test_what_nobody_foresaw_is_one_sentence_and_a_log(folder: Path, capfd, monkeypatch):
+    def broken(*_arguments: object) -> None:
+        raise ZeroDivisionError("what was it")
+
+    monkeypatch.setattr("tvbrdf.tvbrdf_addon.session.plan", broken)
+    assert main(["--material", "Steel", *USUAL]) == 1
+    err = capfd.readouterr().err
+    assert "Steel: This should not happen (ZeroDivisionError: what was it). Please report" in err
+    assert "Traceback" not in err
+    log = Path(re.search(r"send the file (\S+)\.\n", err)[1])
+    assert "what was it" in log.read_text().rpartition("Traceback")[2]
+
+
+@pytest.mark.parametrize("name", ["stdout", "stderr"])
+def test_it_ages_where_nobody_listens(folder: Path, monkeypatch, name: str):
+    full = os.fdopen(os.open("/dev/full", os.O_WRONLY), "w")
+    monkeypatch.setattr(sys, name, full)
+    assert main(["--material", "Steel", *USUAL]) == 0
+    with contextlib.suppress(OSError):
+        full.close()
+    assert aged() == {"Steel"}
 
 
 def test_help_is_no_failure(empty_scene: bpy.types.Scene, capsys):

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import bpy
 import pytest
 
-from tvbrdf.tvbrdf_addon import session
+from tvbrdf.tvbrdf_addon import preferences, session
 from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
 from tvbrdf.tvbrdf_addon.material.record import is_live
 from tvbrdf.tvbrdf_addon.material.revert import is_aged
@@ -203,6 +205,50 @@ def test_a_failure_of_the_worker_changes_nothing(folder: Path, monkeypatch):
         age()
     assert steel().tvbrdf.original == original
     assert image_folders(steel()) == {"Steel"}
+
+
+def test_what_nobody_foresaw_is_one_sentence_and_a_log(folder: Path, monkeypatch):
+    def broken(*_arguments: object) -> None:
+        raise KeyError("what was it")
+
+    monkeypatch.setattr("tvbrdf.tvbrdf_addon.session.plan", broken)
+    monkeypatch.setattr("tvbrdf.tvbrdf_addon.operators.revert", broken)
+    monkeypatch.setattr("tvbrdf.tvbrdf_addon.operators.is_aged", lambda _material: True)
+    for operator in (bpy.ops.tvbrdf.age_material, bpy.ops.tvbrdf.revert):
+        with pytest.raises(RuntimeError, match="This should not happen") as caught:
+            operator(material="Steel")
+        said = str(caught.value)
+        assert "Traceback" not in said
+        log = Path(re.search(r"send the file (\S+)\.", said)[1])
+        assert "KeyError: 'what was it'" in log.read_text().rpartition("Traceback")[2]
+
+
+def test_a_worker_that_fails_in_ways_nobody_foresaw_is_logged(folder: Path, monkeypatch):
+    (folder / "worker.py").write_text("raise SystemError('what was it')")
+    monkeypatch.setenv("TVBRDF_WORKER", str(folder / "worker.py"))
+    with pytest.raises(RuntimeError, match="what was it") as caught:
+        age()
+    assert "Traceback" not in str(caught.value)
+    log = Path(re.search(r"send the file (\S+)\.", str(caught.value))[1])
+    assert "SystemError: what was it" in log.read_text().rpartition("Traceback")[2]
+
+
+@pytest.mark.parametrize("path", ["//worker.py", "worker.py"])
+def test_a_worker_beside_the_blend_is_not_run(folder: Path, monkeypatch, path: str):
+    (folder / "worker.py").write_text(f"open({str(folder / 'it_ran')!r}, 'w')")
+    monkeypatch.chdir(folder)
+    launch = preferences.launch()
+    monkeypatch.setattr(preferences, "_preferences", lambda: Preferences(path))
+    assert preferences.launch() != launch
+    with pytest.raises(RuntimeError, match="is not the whole path of a worker"):
+        age()
+    assert not (folder / "it_ran").exists()
+
+
+class Preferences(NamedTuple):
+    worker_python: str
+    models_folder: str = ""
+    idle_minutes: int = 10
 
 
 def stepped(until: Callable[[Run], bool] = lambda run: run.fraction > 0) -> Run:

@@ -4,7 +4,8 @@ At the end the command, as only Blender's own program dispatches it.
 
     windowed-blender windowed_panel.py EXCHANGE_FOLDER EXTENSION.zip
 
-The exchange folder must hold `stub_worker.py` and, in `site-packages`, numpy for Python 3.13.
+The exchange folder must hold `stub_worker.py`, `windowed_steps.py` and, in `site-packages`, numpy
+for Python 3.13.
 Leaves `panel.png` (before), `exact.png` (its warning), `preview.png`, `progress.png`, `aged.png`,
 `start_*.png` (an attribute or an image that says where) and `properties.png` there.  Clicks go to
 real pixels: buttons are found by giving them a colour that nothing else has.
@@ -12,34 +13,38 @@ real pixels: buttons are found by giving them a colour that nothing else has.
 
 from __future__ import annotations
 
-import importlib
 import os
 import subprocess
 import sys
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
 EXCHANGE = Path("/exchange")
 # Debian's Blender comes without numpy, which every other Blender brings.
-sys.path.insert(0, str(EXCHANGE / "site-packages"))
+sys.path[:0] = [str(EXCHANGE), str(EXCHANGE / "site-packages")]
 import numpy as np  # noqa: E402
+from windowed_steps import (  # noqa: E402
+    DRAWN,
+    Steps,
+    ended,
+    go_through,
+    key,
+    outcome,
+    redraw,
+    session,
+    shoot,
+    show_panel,
+    sidebar,
+    until,
+)
 
 SIGNAL = (1.0, 0.0, 1.0, 1.0)
-# What a script has to wait for Blender to draw, and for a click to arrive.
-DRAWN = 0.7
-
-Steps = Iterator[float]
 
 
 def material() -> bpy.types.Material:
     return bpy.data.materials["Painted Steel"]
-
-
-def session():
-    return importlib.import_module("bl_ext.user_default.tvbrdf.tvbrdf_addon.session")
 
 
 def is_aged() -> bool:
@@ -58,33 +63,6 @@ def build_scene() -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(EXCHANGE / "scene.blend"))
     # What a script does is no step of its own: the undo that is tried would go back behind it.
     bpy.ops.ed.undo_push(message="Build the scene")
-
-
-def show_panel() -> None:
-    area = max(bpy.context.window.screen.areas, key=lambda area: area.width * area.height)
-    area.ui_type = "ShaderNodeTree"
-    area.spaces.active.show_region_ui = True
-
-
-def choose_tab() -> None:
-    area = next(a for a in bpy.context.window.screen.areas if a.ui_type == "ShaderNodeTree")
-    sidebar(area).active_panel_category = "Age"
-    area.tag_redraw()
-
-
-def sidebar(area: bpy.types.Area) -> bpy.types.Region:
-    return next(region for region in area.regions if region.type == "UI")
-
-
-def shoot(name: str) -> Path:
-    path = EXCHANGE / f"{name}.png"
-    subprocess.run(["import", "-window", "root", str(path)], check=True)
-    return path
-
-
-def redraw() -> None:
-    for area in bpy.context.window.screen.areas:
-        area.tag_redraw()
 
 
 def buttons() -> Iterator[float | list[tuple[int, int]]]:
@@ -140,19 +118,6 @@ def click(x: int, y: int) -> Steps:
     yield DRAWN
 
 
-def key(name: str) -> Steps:
-    subprocess.run(["xdotool", "key", name], check=True)
-    yield DRAWN
-
-
-def until(condition: Callable[[], bool], seconds: float = 20) -> Steps:
-    waited = 0.0
-    while not condition():
-        assert waited < seconds, "it did not happen in time"
-        waited += 0.1
-        yield 0.1
-
-
 def start() -> Steps:
     for _ in range(3):
         yield from press(0)
@@ -161,14 +126,6 @@ def start() -> Steps:
         # A click that falls into a moment of work, such as that after a deletion, is lost.
         yield 1.0
     yield from until(lambda: session().current().fraction > 0.1, 60)
-
-
-def ended() -> bool:
-    return session().current() is None
-
-
-def outcome() -> str:
-    return " ".join(session().outcome().sentences)
 
 
 def ages_and_undoes() -> Steps:
@@ -335,9 +292,7 @@ def everything() -> Steps:
     # Away with the splash screen.
     yield from key("Escape")
     build_scene()
-    show_panel()
-    yield DRAWN
-    choose_tab()
+    yield from show_panel()
     # Until it has looked through the camera.
     yield 3 * DRAWN
     shoot("panel")
@@ -359,20 +314,4 @@ def everything() -> Steps:
     yield from command()
 
 
-steps = everything()
-
-
-def advance() -> float:
-    try:
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-            return next(steps)
-    except StopIteration:
-        print("windowed panel: all is well", flush=True)
-        os._exit(0)
-    except BaseException:
-        traceback.print_exc()
-        shoot("failed")
-        os._exit(1)
-
-
-bpy.app.timers.register(advance, first_interval=2, persistent=True)
+go_through(everything(), "windowed panel")
