@@ -14,7 +14,8 @@ from collections.abc import Sequence
 
 from . import serve
 from .console import Terminal, fill_closed_streams, flush, log_of, say, write_out
-from .errors import Cancelled, OutputError, TvbrdfError, UsageError, ran_out_of_memory
+from .errors import Cancelled, OutputError, TvbrdfError, UsageError
+from .memory import ran_out_of_memory
 from .request import CHOICES, MOST_FRAMES, cards, load_age, option, request_from
 from .signals import EndedBySignal, EndingSignals
 
