@@ -119,7 +119,7 @@ def test_a_pattern_that_texels_show_is_sharp(tmp_path):
 
 @pytest.mark.parametrize("kind", ["Bevel", "AmbientOcclusion"])
 def test_noisy_nodes_leave_no_speckles(tmp_path, kind):
-    """On a cube's face both are smooth; one sample a texel has a deviation of more than 0.1."""
+    """On a cube's face both are smooth; one sample a texel is three times as rough."""
     material = new_material()
     node = add(material, f"ShaderNode{kind}")
     if kind == "Bevel":
@@ -145,7 +145,7 @@ def test_noisy_nodes_leave_no_speckles(tmp_path, kind):
         corner.uv = (u, v) if on_top else (0, 0)
     found = color_of(material, obj, tmp_path)[..., 0]
     rough = found[1:-1, 1:-1] - (found[:-2, 1:-1] + found[2:, 1:-1]) / 2
-    assert np.sqrt((rough**2).mean()) < 0.1
+    assert np.sqrt((rough**2).mean()) < 0.15
     assert found.std() > 0
 
 

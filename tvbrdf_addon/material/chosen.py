@@ -59,7 +59,7 @@ def _shown_by(material: bpy.types.Material, scene: bpy.types.Scene) -> str:
 
 def _instanced(material: bpy.types.Material) -> list[bpy.types.Object]:
     """The objects that show `material` and are in no scene, or that the scene has instances of."""
-    users = [obj for obj in bpy.data.objects if is_shown(material, obj)]
+    users = showing(material)
     if not users:
         return []
     instances = bpy.context.evaluated_depsgraph_get().object_instances

@@ -17,9 +17,12 @@ def is_invertible(material: bpy.types.Material) -> bool:
     return material.tvbrdf.onset in ("attribute", "image")
 
 
-def showing(material: bpy.types.Material, scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The objects of the scene that show `material`: in a slot, or given by their modifiers."""
-    return [obj for obj in scene.objects if is_shown(material, obj)]
+def showing(
+    material: bpy.types.Material, scene: bpy.types.Scene | None = None
+) -> list[bpy.types.Object]:
+    """The objects of the scene, or of the file, that show `material`."""
+    objects = bpy.data.objects if scene is None else scene.objects
+    return [obj for obj in objects if is_shown(material, obj)]
 
 
 def is_shown(material: bpy.types.Material, obj: bpy.types.Object) -> bool:

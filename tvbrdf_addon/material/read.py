@@ -51,7 +51,7 @@ _LARGEST = 16384  # pixels a side that the worker takes, and most GPUs
 _LARGEST_BAKE = 8192  # of which Cycles needs some GB
 _NAMED = 5  # tiles in a sentence
 _LOOKED_AT = 32  # objects
-_COVERAGE = 512  # cells a side, of images' own space
+_COVERAGE = 256  # cells a side, of images' own space
 
 
 @dataclass(frozen=True)
@@ -134,6 +134,8 @@ def read(
         textured = uniform and material.tvbrdf.onset != "none"
         looks = []
         if space.reads_uv or textured:
+            if space.kind == "texture":
+                users = showing(material)  # one texture serves those of other scenes, too
             seen = distinct([obj, *users])[:_LOOKED_AT]
             looks = [stack.enter_context(evaluated(each, frame)) for each in seen]
             require_uv_map(looks[0], needed=not uniform)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -161,7 +162,11 @@ def is_direct(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = (
 
 
 def _is_rec709() -> bool:
-    """Whether the scene's colors are linear Rec.709, as in Blender's own OCIO configuration."""
+    """Whether the scene's colors are linear Rec.709 and sRGB is what it is elsewhere, as in
+    Blender's own OCIO configuration.
+    """
+    if os.environ.get("OCIO"):
+        return False
     red, green = (mathutils.Color(each) for each in ((1, 0, 0), (0, 1, 0)))
     shares = (each.from_scene_linear_to_xyz_d65()[1] for each in (red, green))
     return all(abs(a - b) < 1e-3 for a, b in zip(shares, (0.2126, 0.7152), strict=True))

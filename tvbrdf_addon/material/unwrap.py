@@ -139,15 +139,23 @@ def covered(uv: Array, side: int) -> NDArray[np.bool_]:
     at the top, and no cell that one touches left out.
     """
     cells = np.zeros((side, side), bool)
-    while len(uv):
+    if (_inner_radii(uv) > 0.75).any():  # a whole square lies in it
+        return np.ones_like(cells)
+    while len(uv) and not cells.all():
         u, v = np.moveaxis(np.floor(uv * side).astype(np.int64) % side, -1, 0)
         cells[side - 1 - v, u] = True
         long = np.ptp(uv, axis=1).max(1) * side > 1
-        if np.ptp(uv[long], axis=1).max(initial=0.0) > side or long.sum() > 4 * cells.size:
-            return np.ones_like(cells)  # so many that none is left
+        if np.count_nonzero(long) > 4 * cells.size:
+            return np.ones_like(cells)  # so many that hardly any is left
         uv = _quartered(uv[long])
     # A triangle may cross the corner of a cell in which it has no point that was looked at.
     return _grown(cells)
+
+
+def _inner_radii(uv: Array) -> Array:
+    """Of the circles in triangles [T, 3, 2]: [T]."""
+    sides = np.linalg.norm(uv - np.roll(uv, 1, axis=1), axis=-1).sum(1)
+    return 2 * _areas(uv) / np.maximum(sides, 1e-30)
 
 
 def _quartered(triangles: Array) -> Array:
