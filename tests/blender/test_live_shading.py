@@ -77,7 +77,7 @@ def decibels(shown: np.ndarray, truth: np.ndarray) -> float:
 def compare(
     folder: Path, authored: PrincipledMaps, kind: str, ages: Sequence[float], rounding: float = 0
 ) -> dict[str, float]:
-    """The worst age's dB of every quantity that is seen; at age 0 no more than `rounding` is lost."""
+    """The worst age's dB of all that is seen; at age 0 no more than `rounding` is lost."""
     found: dict[str, list[float]] = {}
     for k, age in enumerate(ages):
         truth = wanted(folder, authored, age)
@@ -136,7 +136,7 @@ def test_cycles_shows_what_the_runtime_says(
 )
 def test_so_does_eevee(tmp_path: Path):
     authored = {}
-    for name, ages in IN_WINDOW.items():
+    for name in IN_WINDOW:
         (tmp_path / "cases" / name).mkdir(parents=True)
         authored[name] = make_case(tmp_path / "cases" / name, name)
     (tmp_path / "ages.json").write_text(json.dumps(IN_WINDOW), encoding="utf-8")
