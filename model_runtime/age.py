@@ -17,21 +17,24 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from . import __version__
 from .brdf import principled
 from .brdf.measured import MeasuredBRDF
 from .compose import AgedTexels
-from .errors import Cancelled, InputError, memory_in_words, shown
+from .coverage import nearest_covered
+from .errors import Cancelled, InputError, shown
 from .fit import USUAL
 from .histories import CPU, fit_measured
 from .images import read_image, resize
-from .inputs import Material, hash_file, hash_input, input_files, read_input
+from .inputs import Material, hash_file, hash_input, input_files, read_covered, read_input
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .live.low_rank import MOST_COEFFICIENTS
 from .maps import PrincipledMaps, TorranceSparrowMaps
+from .memory import memory_in_words
 from .modelling import EFFORTS, Effort, model_texels
 from .onset import onset_map, rate_map
 from .package import ENCODER, ESTIMATOR, find_model
@@ -160,6 +163,8 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         with _unchanged(*input_files(request.input)):
             material = read_input(request.input, size=request.size)
             hashes["input"] = hash_input(request.input)
+            maps_size = (1, 1) if isinstance(material, MeasuredBRDF) else material.size
+            covered = read_covered(request.input, maps_size)
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
         onset, rate = timing_maps(request, ntm, size)
@@ -170,16 +175,18 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
     )
     live_wanted = request.binding != "frames" and size != (1, 1)
-    texels = size[0] * size[1]
+    pixels = size[0] * size[1]
 
     def check_room(*, live: bool) -> None:
         names = live_names() if live else file_names(wanted, request.frames)
         staged.require_free(names)
         needed = len(names) * _BYTES_A_FILE if live else request.frames * _BYTES_A_FRAME
-        check_space(request.output, texels * needed, len(names))
+        check_space(request.output, pixels * needed, len(names))
 
     check_room(live=live_wanted)
-    rung = _rung(run, ntm, initial)
+    texels = _Texels(initial, _flat(onset), _flat(rate))
+    counted = texels if covered is None else texels.where(covered)
+    rung = _rung(run, ntm, counted.initial)
     model = partial(
         model_texels,
         ntm=ntm,
@@ -193,14 +200,13 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         warn=run.warn,
     )
     with run.timed("model"):
-        aged = model(
-            initial,
+        modelled = model(
+            counted.initial,
             effort=effort,
-            onset=None if onset is None else torch.from_numpy(onset.reshape(-1)),
-            rate=None if rate is None else torch.from_numpy(rate.reshape(-1)),
+            onset=counted.onset,
+            rate=counted.rate,
             step=lambda share: run.progress("modelling the change", 0.05 + 0.35 * share),
         )
-    palette, histories = aged.palette, aged.histories
 
     def each_for_itself(some: Tensor) -> AgedTexels:
         fit = (effort.fit or USUAL) if effort.checked else effort.fit
@@ -211,7 +217,7 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     if live_wanted:
         with run.timed("fit"):
             run.progress("finding what texels share", 0.4)
-            live = fit_live(aged, request.tolerance, each_for_itself)
+            live = fit_live(modelled, request.tolerance, each_for_itself)
         if live is None:
             if request.binding == "live":
                 run.warn(_NOT_LIVE)
@@ -219,11 +225,12 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     times = np.linspace(0, 1, request.frames).tolist()
     with run.timed("write"):
         run.progress("writing", 0.4)
+        aged = modelled if covered is None else texels.beside(modelled, covered)
         if live is not None:
             compression = "rle" if effort.compression == "none" else effort.compression
             format, files = write_live(live.sum, aged, size, wanted, staged, compression)
         else:
-            maps = maps_of(aged, material, size, wanted, times)
+            maps = maps_of(aged, material, size, wanted, times, covered=covered)
             format, files = maps.format, _write(run, Frames(maps, times, effort.interval), staged)
         if format != wanted:
             run.warn(
@@ -241,16 +248,16 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         "size": list(size),
         "quality": request.quality,
         "temporal_model": rung,
-        "palette": len(palette.entries),
+        "palette": len(modelled.palette.entries),
         "plan": savings(
-            texels=len(initial),
-            modelled=len(palette.entries),
+            texels=len(counted.initial),
+            modelled=len(modelled.palette.entries),
             interval=effort.interval,
             files=files,
             coefficients=None if live is None else live.coefficients,
             not_live=live_wanted and live is None,
         ),
-        "fit_error": round(max(fit_error, histories.fit_error), 6),
+        "fit_error": round(max(fit_error, modelled.histories.fit_error), 6),
         **({} if live is None else {"error_db": live.error_db}),
         "warnings": run.warnings,
         "seconds": run.seconds,
@@ -316,6 +323,37 @@ def initial_states(
         ks = np.repeat(ks.mean(-1, keepdims=True), 3, -1)
     flat = np.concatenate((maps.kd, ks, maps.alpha[..., None]), -1, dtype=np.float32)
     return torch.from_numpy(flat.reshape(-1, 7)), maps.size, 0.0
+
+
+@dataclass(frozen=True)
+class _Texels:
+    """Initial states [n, 7], and when [n] and how fast [n] they age, row by row of the image."""
+
+    initial: Tensor
+    onset: Tensor | None
+    rate: Tensor | None
+
+    def where(self, covered: NDArray[np.bool_]) -> _Texels:
+        """Those that are `covered` [H, W]."""
+        rows = torch.from_numpy(np.flatnonzero(covered))
+        return _Texels(
+            self.initial[rows],
+            None if self.onset is None else self.onset[rows],
+            None if self.rate is None else self.rate[rows],
+        )
+
+    def beside(self, aged: AgedTexels, covered: NDArray[np.bool_]) -> AgedTexels:
+        """All, of which `aged` are the covered ones: the others follow the nearest of these."""
+        place = np.cumsum(covered) - 1
+        rows = torch.from_numpy(place[nearest_covered(covered).reshape(-1)])
+        palette = dataclasses.replace(aged.palette, index=aged.palette.index[rows])
+        return dataclasses.replace(
+            aged, initial=self.initial, palette=palette, onset=self.onset, rate=self.rate
+        )
+
+
+def _flat(pixels: np.ndarray | None) -> Tensor | None:
+    return None if pixels is None else torch.from_numpy(pixels.reshape(-1))
 
 
 def timing_maps(

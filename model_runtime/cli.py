@@ -13,8 +13,9 @@ import sys
 from collections.abc import Sequence
 
 from . import serve
-from .console import Terminal, fill_closed_streams, flushed, log_of, say, write_out
+from .console import Terminal, fill_closed_streams, flush, log_of, say, write_out
 from .errors import Cancelled, OutputError, TvbrdfError, UsageError
+from .memory import ran_out_of_memory
 from .request import CHOICES, MOST_FRAMES, cards, load_age, option, request_from
 from .signals import EndedBySignal, EndingSignals
 
@@ -33,7 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         say("model_runtime: Interrupted; nothing is left half-written.")
         code = 128 + (ending.received or 0)
     ending.ignore()  # what is left to do takes no time, and all is written
-    return flushed(code)
+    flush()
+    return code
 
 
 def _run(argv: Sequence[str] | None, ending: EndingSignals) -> int:
@@ -50,14 +52,11 @@ def _run(argv: Sequence[str] | None, ending: EndingSignals) -> int:
     except TvbrdfError as error:
         say(f"model_runtime: {error}")
         return 2 if isinstance(error, UsageError) else 1
-    except MemoryError:
-        say(
-            "model_runtime: There is not enough memory for this run. "
-            "Choose a smaller size or fewer frames."
-        )
-        return 1
     except Exception as error:
-        say(f"model_runtime: This should not happen ({type(error).__name__}). {log_of(error)}")
+        if ran_out_of_memory(error):
+            say("model_runtime: There is not enough memory. Close other programs.")
+        else:
+            say(f"model_runtime: This should not happen ({type(error).__name__}). {log_of(error)}")
         return 1
     return 0
 

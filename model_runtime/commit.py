@@ -5,11 +5,11 @@ held (`holding`) by the process that fills it: one that nobody holds was left by
 killed. There are three ways in, and the first that is open is taken:
 
 1. Where there is no folder yet, the staging folder becomes it.
-2. Where the folder holds an earlier result of ours and nothing else, the two change names in one
-   step. Only Linux can.
-3. Else file by file: what is to be replaced moves into `earlier` in the staging folder, the new
-   files move to its place, and the report last. Until that has moved everything can be put back,
-   at once where a file cannot be moved, or by the next who comes (`recover`).
+2. Where the folder holds files only, those that are not ours are linked into the staging folder,
+   and the two change names in one step. Only Linux can.
+3. Else file by file: what is to be replaced moves aside, into the staging folder, the new files
+   move to its place, and the report last. Until that has moved everything can be put back, at once
+   where a file cannot be moved, or by the next who comes (`recover`).
 
 This holds against the end of the process, not against the loss of power: nothing is forced onto
 the disk. Standard library only.
@@ -27,9 +27,10 @@ import shutil
 import stat
 import sys
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 
-from .errors import OutputError
+from .errors import OutputError, shown
 from .holding import held, hold, let_go
 from .signals import undisturbed
 
@@ -37,14 +38,14 @@ __all__ = ("REPORT", "clear", "commit", "is_free", "places", "recover", "require
 
 REPORT = "aged.json"
 
-_EARLIER = "earlier"
+_EARLIER = ".aged.earlier"
 _OURS = re.compile(r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.exr|timing\.exr|curves\.exr")
 _MOST_REPORTED = 1 << 26  # bytes
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
 def places(folder: Path, token: str) -> tuple[Path, Path]:
-    """Where a result for `folder` may be staged: beside it, or within."""
+    """Where a result for `folder` may be staged: beside it, or within; `token` has 8 characters."""
     return (
         folder.parent / f".{folder.name}.partial-{token}",
         folder / f".aged.partial-{token}",
@@ -72,8 +73,8 @@ def require_free(folder: Path, names: Collection[str]) -> None:
     if taken:
         others = f" and {len(taken) - 1} more files" if len(taken) > 1 else ""
         raise OutputError(
-            f"{folder} holds {taken[0]}{others}, which no run has written and this one would "
-            "replace.",
+            f"{shown(folder)} holds {taken[0]}{others}, which no run has written and this one "
+            "would replace.",
             "Move away what is yours, or choose another output folder.",
         )
 
@@ -81,8 +82,10 @@ def require_free(folder: Path, names: Collection[str]) -> None:
 def commit(staging: Path, folder: Path, names: Collection[str]) -> None:
     """Move the files `names` and the report from `staging` into `folder`, for an earlier result.
 
-    Raises OutputError or OSError where that cannot be done; `folder` is then as it was.
+    The report lists them. Raises OutputError or OSError where that cannot be done; `folder` is then
+    as it was.
     """
+    assert set(names) <= (_reported(staging) or set()), "what is not listed cannot be put back"
     if not folder.exists():
         try:
             staging.rename(folder)
@@ -130,14 +133,16 @@ def _exchanged(staging: Path, folder: Path, new: set[str], old: set[str]) -> boo
     there = _names(folder)
     try:
         if not (
-            staging.parent == folder.parent
-            and there <= old
+            sys.platform == "linux"
+            and staging.parent == folder.parent
             and _names(staging) == new
             and _owners(staging) == _owners(folder)
             and not folder.samefile(Path.cwd())
         ):
             return False
-        for name in there:
+        for name in there - old:
+            os.link(folder / name, staging / name, follow_symlinks=False)
+        for name in there & old:
             # What must not be linked must not be removed either: its owner has locked it.
             os.link(folder / name, staging / _EARLIER, follow_symlinks=False)
             (staging / _EARLIER).unlink()
@@ -146,16 +151,16 @@ def _exchanged(staging: Path, folder: Path, new: set[str], old: set[str]) -> boo
         _exchange(staging, folder)
     except OSError:
         return False
-    for name in _names(staging) - there:  # it has just come
-        (staging / name).rename(folder / name)
+    with suppress(OSError):
+        for name in _names(staging) - old:
+            if not _is_same(staging / name, folder / name):  # it has just come, or been saved
+                (staging / name).replace(folder / name)
     return True
 
 
 def _exchange(one: Path, other: Path) -> None:
-    renameat2 = None
-    if sys.platform == "linux":
-        renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
-    if renameat2 is None:
+    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if renameat2 is None:  # of a C library that does not know it
         raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
     paths = os.fsencode(one), os.fsencode(other)
     if renameat2(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _RENAME_EXCHANGE):
@@ -210,7 +215,7 @@ def _recover(folder: Path) -> None:
 
 def _stagings(folder: Path) -> Iterator[Path]:
     for place in places(folder, ""):
-        for found in place.parent.glob(f"{glob.escape(place.name)}*"):
+        for found in place.parent.glob(f"{glob.escape(place.name)}????????"):
             if _is_folder(found):
                 yield found
 
@@ -219,14 +224,13 @@ def _reported(folder: Path) -> set[str] | None:
     """Names that the report in `folder` lists and that are named as ours; None without a report of
     ours. No path is followed.
     """
-    path = folder / REPORT
     try:
-        status = path.stat()
+        status = (folder / REPORT).stat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_REPORTED:
             return None
-        files = json.loads(path.read_text(encoding="utf-8"))["files"]
+        files = json.loads((folder / REPORT).read_text(encoding="utf-8"))["files"]
         return {name for name in _texts([*files.values()]) if _OURS.fullmatch(name)}
-    except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
+    except (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
 
 
@@ -241,6 +245,10 @@ def _texts(value: object) -> Iterator[str]:
 
 def _names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    return os.path.lexists(other) and os.path.samestat(one.lstat(), other.lstat())
 
 
 def _is_folder(path: Path) -> bool:

@@ -14,7 +14,7 @@ from typing import TextIO
 from .errors import OutputError
 from .signals import EndingSignals
 
-__all__ = ("Terminal", "fill_closed_streams", "flushed", "log_of", "say", "write_out")
+__all__ = ("Terminal", "fill_closed_streams", "flush", "log_of", "say", "write_out")
 
 
 def fill_closed_streams() -> bool:
@@ -59,14 +59,12 @@ def write_out(text: str, stdout: TextIO) -> None:
         ) from error
 
 
-def flushed(code: int) -> int:
-    """`code`, or 1 where what was printed on stdout does not arrive."""
+def flush() -> None:
+    """Write what libraries have printed, so that Python need not when it ends, and complain."""
     try:
         sys.stdout.flush()
     except OSError:
         _silence(sys.stdout)
-        return code or 1
-    return code
 
 
 def log_of(error: BaseException) -> str:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 __all__ = (
@@ -17,8 +14,6 @@ __all__ = (
     "TvbrdfError",
     "UsageError",
     "is_plain",
-    "memory_in_words",
-    "ran_out_of_memory",
     "reason",
     "shown",
 )
@@ -29,11 +24,6 @@ _NOT_PLAIN = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u20
 _LONGEST_QUOTE = 80
 _LONGEST_PATH = 240
 _LONGEST_SENTENCE = 600
-_OUT_OF_MEMORY = re.compile(
-    "not enough memory|out of memory|cannot allocate memory|failed to map segment|bad_alloc"
-    "|can't start new thread|cannot start new thread|unable to allocate|defaultcpuallocator",
-    re.IGNORECASE,
-)
 
 
 def is_plain(text: str) -> bool:
@@ -114,25 +104,3 @@ class OutOfMemoryError(TvbrdfError):
     """The system has no more memory, or no more threads, to give."""
 
     code = "memory"
-
-
-def ran_out_of_memory(error: BaseException | None) -> bool:
-    """Whether `error`, or what it was raised from, says so in any library's way."""
-    while error is not None:
-        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
-            return True
-        if not isinstance(error, TvbrdfError) and _OUT_OF_MEMORY.search(str(error)):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
-
-
-@contextmanager
-def memory_in_words(way_out: str) -> Iterator[None]:
-    """Where what is done inside runs out of memory, OutOfMemoryError says so, with `way_out`."""
-    try:
-        yield
-    except Exception as error:
-        if isinstance(error, TvbrdfError) or not ran_out_of_memory(error):
-            raise
-        raise OutOfMemoryError("There is not enough memory.", way_out) from error

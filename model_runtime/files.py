@@ -37,7 +37,7 @@ def check_writable(path: Path) -> None:
 def _beside(path: Path, *, parents: bool) -> Iterator[Path]:
     try:
         if path.exists() and not stat.S_ISREG(path.stat().st_mode):
-            raise OSError(errno.EEXIST, "it is no file that could be replaced")
+            raise OSError(errno.EEXIST, "it is a folder, or no file that could be replaced")
         if parents:
             path.parent.mkdir(parents=True, exist_ok=True)
         beside = path.with_name(f".{path.name}.{os.getpid()}.partial")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .errors import OutputError
+from .errors import OutputError, shown
 
 __all__ = ("held", "hold", "let_go")
 
@@ -72,7 +72,7 @@ def held(folder: Path) -> Iterator[None]:
         except BlockingIOError as error:
             if time.monotonic() > deadline:
                 raise OutputError(
-                    f"Another run has been writing to {folder} for {_PATIENCE:.0f} seconds.",
+                    f"Another run has been writing to {shown(folder)} for {_PATIENCE:.0f} seconds.",
                     "Wait for it to end, or end it; or choose another output folder.",
                 ) from error
             time.sleep(_PAUSE)

@@ -19,11 +19,12 @@ from typing import Any, Literal
 import numpy as np
 import OpenEXR
 import torch
-from PIL import Image, ImageFile
+from PIL import Image, ImageFile, UnidentifiedImageError
 
-from .errors import InputError, OutputError, ran_out_of_memory, reason, shown
+from .errors import InputError, OutputError, reason, shown
 from .files import replaced
 from .maps import HALF_MAX, Halves, Pixels
+from .memory import ran_out_of_memory
 
 __all__ = ("EXTENSIONS", "MAX_SIDE", "Compression", "Depth", "read_image", "resize", "write_exr")
 
@@ -44,7 +45,14 @@ _OTHER_BYTES = {
 }
 
 _HINT = "Save it again as JPEG, PNG, TIFF or OpenEXR."
-_LARGEST_BLOCK = 1 << 31
+_LARGEST_BLOCK = 1 << 29
+_LINES = {
+    **dict.fromkeys((OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION, OpenEXR.ZIPS_COMPRESSION), 1),
+    **dict.fromkeys((OpenEXR.ZIP_COMPRESSION, OpenEXR.PXR24_COMPRESSION), 16),
+    **dict.fromkeys((OpenEXR.PIZ_COMPRESSION, OpenEXR.DWAA_COMPRESSION), 32),
+}
+"""Lines of a block by compression; of others at most 256."""
+
 _EXR_TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
@@ -98,13 +106,15 @@ def _read(path: Path, *, decode: bool) -> Pixels:
     except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be opened: {reason(error)}.", "Check the path.") from error
     try:
-        return _read_exr(path) if extension == ".exr" else _read_integer(path, decode=decode)
+        with _quiet():
+            return _read_exr(path) if extension == ".exr" else _read_integer(path, decode=decode)
     except InputError:
         raise
     except Exception as error:  # the decoders raise whatever a damaged file makes them
         if ran_out_of_memory(error):
             raise
-        raise InputError(f"{file} is damaged or not an image: {reason(error)}.", _HINT) from error
+        why = "" if isinstance(error, UnidentifiedImageError) else f": {reason(error)}"
+        raise InputError(f"{file} is damaged or not an image{why}.", _HINT) from error
 
 
 def write_exr(
@@ -211,8 +221,7 @@ def _check_size(path: Path, width: int, height: int) -> None:
 
 def _read_integer(path: Path, *, decode: bool) -> Pixels:
     """[H, W] or [H, W, 3] of a JPEG, PNG or TIFF."""
-    with warnings.catch_warnings(action="ignore"):  # Pillow's, of what it forgives
-        codes = _codes(path)
+    codes = _codes(path)
     if codes.dtype == np.float32:
         return codes
     most = np.iinfo(codes.dtype).max
@@ -264,14 +273,13 @@ def _decode_srgb(code: Pixels) -> Pixels:
 
 def _read_exr(path: Path) -> Pixels:
     """[H, W] or [H, W, 3] of the first part's colour, luminance or only channel."""
-    with _quiet():
-        header = OpenEXR.File(str(path), header_only=True).header()
-        names, (height, width) = _what_to_read(path, header)
-        # The newer OpenEXR.File reads every channel of every part, however many there are.
-        with contextlib.closing(OpenEXR.InputFile(str(path))) as file:
-            stored = file.header()["channels"]
-            types = [_EXR_TYPES[str(stored[name].type)] for name in names]
-            contents = file.channels(names)
+    header = OpenEXR.File(str(path), header_only=True).header()
+    names, (height, width) = _what_to_read(path, header)
+    # The newer OpenEXR.File reads every channel of every part, however many there are.
+    with contextlib.closing(OpenEXR.InputFile(str(path))) as file:
+        stored = file.header()["channels"]
+        types = [_EXR_TYPES[str(stored[name].type)] for name in names]
+        contents = file.channels(names)
     planes = [
         np.frombuffer(content, dtype).reshape(height, width)
         for content, dtype in zip(contents, types, strict=True)
@@ -300,7 +308,8 @@ def _what_to_read(path: Path, header: dict[str, Any]) -> tuple[list[str], tuple[
         raise InputError(f"{file} holds several channels and none of them is R, G, B or Y.", _HINT)
     # A block is decoded whole, hidden channels and all.
     tile = header.get("tiles")
-    texels = tile.xSize * tile.ySize if tile else width * 256
+    lines = _LINES.get(header["compression"], 256)
+    texels = tile.xSize * tile.ySize if tile else width * lines
     if texels * len(channels) * 4 > _LARGEST_BLOCK:
         raise InputError(
             f"{file} holds {len(channels)} channels in blocks too large to be read.",
@@ -314,10 +323,10 @@ _ONE_AT_A_TIME = threading.Lock()
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Nothing on stderr: OpenEXR complains there of damaged files, past all that Python can catch,
-    and what it says is in the error that it raises.
+    """Nothing on stderr: OpenEXR and libtiff complain there of damaged files, past all that Python
+    can catch, and Pillow warns of what it forgives. Where it matters they raise an error as well.
     """
-    with _ONE_AT_A_TIME:
+    with _ONE_AT_A_TIME, warnings.catch_warnings(action="ignore"):
         try:
             spoken = os.dup(2)
         except OSError:  # there is no stderr

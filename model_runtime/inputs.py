@@ -1,7 +1,9 @@
 """Reads what `--input` names: the maps of a material, or a measured BRDF.
 
 Maps of one material may differ in resolution, not in shape: all are brought to the largest. A map
-of 1 x 1 is a constant.
+of 1 x 1 is a constant. Where texels of an unwrapped object are no face's, a map `Coverage.exr`
+(one channel, of any size) may say so: texels where it is 0 count nowhere, and what lies next to
+faces looks like these.
 """
 
 from __future__ import annotations
@@ -12,15 +14,17 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .brdf import merl, rgl
 from .brdf.measured import MeasuredBRDF
+from .coverage import Coverage
 from .errors import InputError, UsageError, reason, shown
 from .images import MAX_SIDE, read_image, read_packed, resize
 from .maps import HALF_MAX, Pixels, PrincipledMaps, TorranceSparrowMaps
 from .texture_names import choose_maps
 
-__all__ = ("Material", "hash_file", "hash_input", "input_files", "read_input")
+__all__ = ("Material", "hash_file", "hash_input", "input_files", "read_covered", "read_input")
 
 Material = TorranceSparrowMaps | PrincipledMaps | MeasuredBRDF
 
@@ -37,6 +41,7 @@ _KINDS = (
     "Give a folder of texture maps, a folder with kd.exr, ks.exr and alpha.exr, "
     "a MERL .binary or an RGL .bsdf."
 )
+_COVERAGE = "coverage.exr"
 _ASPECT_TOLERANCE = 0.01
 
 
@@ -45,15 +50,29 @@ def read_input(path: str | Path, *, size: int | None = None) -> Material:
 
     A uniform material (every map 1 x 1) stays 1 x 1 whatever `size` is. Metallic, roughness and
     alpha above 1 count as 1, as in Blender; missing maps have Blender's defaults. Raises InputError
-    with what is wrong and what to do, UsageError for a size out of range.
+    with what is wrong and what to do, UsageError for a size out of range. What no face covers
+    shows the nearest texel that one does.
     """
     if size is not None and not 1 <= size <= MAX_SIDE:
         raise UsageError(f"The size {size} is out of range.", f"Choose 1 to {MAX_SIDE} pixels.")
     path = Path(path)
     if _is_folder(path):
-        maps = _read_maps(_choose_files(path), size)
+        files = _choose_files(path)
+        maps = _read_maps(files, size, _coverage(files.pop("coverage", None)))
         return _torrance_sparrow(maps) if "kd" in maps else _principled(maps)
     return _MEASURED[path.suffix.lower()](path)
+
+
+def read_covered(path: str | Path, size: tuple[int, int]) -> NDArray[np.bool_] | None:
+    """Which texels [H, W] of the material at `path`, read at that size, a face covers; None where
+    all do, as far as is known.
+    """
+    path = Path(path)
+    coverage = _coverage(_choose_files(path).get("coverage")) if _is_folder(path) else None
+    if coverage is None or size == (1, 1):
+        return None
+    covered = coverage.at(size)
+    return None if covered.all() else covered
 
 
 def hash_input(path: str | Path) -> dict[str, str]:
@@ -111,6 +130,8 @@ def _choose_files(folder: Path) -> dict[str, Path]:
         chosen = torrance_sparrow
     else:
         chosen = choose_maps(folder, names)
+    if (name := next((each for each in names if each.lower() == _COVERAGE), None)) is not None:
+        chosen["coverage"] = name
     return {name: _inside(folder, file) for name, file in chosen.items()}
 
 
@@ -131,9 +152,18 @@ def _inside(folder: Path, name: str) -> Path:
     return path
 
 
-def _read_map(name: str, file: Path) -> Pixels:
+def _coverage(file: Path | None) -> Coverage | None:
+    if file is None:
+        return None
+    texels = read_image(file, color=False) > 0
+    return Coverage(texels) if texels.any() else None
+
+
+def _read_map(name: str, file: Path, coverage: Coverage | None) -> Pixels:
     """One map, checked texel by texel."""
     pixels = read_packed(file) if name == "packed" else read_image(file, color=name in _COLORS)
+    if coverage is not None:
+        pixels = coverage.filled(pixels)
     most = _MOST.get(name, HALF_MAX)
     if not (pixels.min() >= 0 and pixels.max() <= most):  # nor NaN
         raise _refused(file, pixels, most)
@@ -157,12 +187,14 @@ def _refused(file: Path, pixels: Pixels, most: float) -> InputError:
     )
 
 
-def _read_maps(files: Mapping[str, Path], size: int | None) -> dict[str, Pixels]:
+def _read_maps(
+    files: Mapping[str, Path], size: int | None, coverage: Coverage | None
+) -> dict[str, Pixels]:
     """All maps at the size of the largest, or with `size` texels along the longer side."""
     maps: dict[str, Pixels] = {}
     shapes: dict[str, tuple[int, int]] = {}
     for name, file in files.items():
-        pixels = _read_map(name, file)
+        pixels = _read_map(name, file, coverage)
         shapes[name] = (pixels.shape[0], pixels.shape[1])
         # Large maps shrink one by one, so that only one is held at its full size.
         shrinks = size is not None and max(shapes[name]) > size

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .card import ModelCard, check_card, strict_json
-from .errors import ModelFileError, ran_out_of_memory, reason, shown
+from .errors import ModelFileError, reason, shown
 from .files import replaced
+from .memory import ran_out_of_memory
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -174,14 +175,15 @@ def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
     """Tensors and card of the model file at `path`, which must be of `kind`."""
     import safetensors
     import torch
-    from safetensors.torch import load_file
+    from safetensors.torch import load
 
     card = read_card(path)
     file = shown(path.name)
     if card.kind != kind:
         raise ModelFileError(f"{file} holds an {card.kind}, not an {kind}.", "Choose another file.")
     try:
-        tensors = load_file(path)
+        # Not `load_file`, whose tensors stay tied to the file: cut short later, it is a bus error.
+        tensors = load(path.read_bytes())
     except (safetensors.SafetensorError, OSError) as error:
         if ran_out_of_memory(error):
             raise

@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import package
-from .errors import ModelFileError, TvbrdfError, UsageError, memory_in_words, reason, shown
+from .errors import (
+    ModelFileError,
+    TvbrdfError,
+    UsageError,
+    reason,
+    shown,
+)
+from .memory import check_limits, memory_in_words
 
 if TYPE_CHECKING:
     from .age import AgeRequest
@@ -55,6 +62,7 @@ def load_age() -> Callable[..., dict[str, Any]]:
         MissingLibraryError: torch or another library is absent or does not load.
         OutOfMemoryError: there is not enough memory for them.
     """
+    check_limits()
     try:
         with memory_in_words("Close other programs."):
             from .age import age
@@ -118,7 +126,9 @@ def cards(
         found = package.list_models(skipped=skipped)
     else:
         found = [package.read_card(package.find_model(ntm))]
-    return [{**card.details, "path": str(card.path)} for card in found]
+    return [
+        {"description": card.description, **card.details, "path": str(card.path)} for card in found
+    ]
 
 
 def option(name: str) -> str:

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
-import secrets
 import shutil
-import stat
 from collections.abc import Collection
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from .commit import REPORT, clear, commit, places, recover, require_free
-from .errors import OutputError
-from .holding import hold, let_go
+from .commit import REPORT, commit, require_free
+from .errors import OutputError, reason, shown
 from .images import Compression, Depth, write_exr
 from .maps import Halves, Pixels
 from .signals import undisturbed
+from .staging import found, staging
 
 __all__ = ("REPORT", "StagedResult", "check_space")
 
@@ -62,20 +59,17 @@ class StagedResult:
         self._compression: Compression = compression
         self._pending: list[tuple[str, Future[int]]] = []
         self._sizes: dict[str, int] = {}
-        self._leaving = ExitStack()
 
     def __enter__(self) -> StagedResult:
-        try:
-            given, self.folder = self.folder, Path(os.path.realpath(self.folder))
-            new = self._is_new(given)
-            recover(self.folder)
-            with undisturbed():
-                self._stage(new)
-        except BaseException as error:
-            self._leaving.close()
-            if isinstance(error, OSError | ValueError):
+        with ExitStack() as leaving:
+            try:
+                self.folder = found(self.folder)
+                self._staging = leaving.enter_context(staging(self.folder))
+            except (OSError, ValueError) as error:
                 raise self._unwritable(error) from error
-            raise
+            self._pool = ThreadPoolExecutor(_WRITERS)
+            leaving.callback(self._pool.shutdown, cancel_futures=True)
+            self._leaving = leaving.pop_all()
         return self
 
     def __exit__(
@@ -122,57 +116,6 @@ class StagedResult:
         except OSError as error:
             raise self._unwritable(error) from error
 
-    def _is_new(self, given: Path) -> bool:
-        """Whether the folder is not there yet."""
-        try:
-            mode = self.folder.stat().st_mode
-        except FileNotFoundError:
-            if given.is_symlink():
-                raise OutputError(
-                    f"{given} is a link that leads nowhere.", "Choose another output folder."
-                ) from None
-            return True
-        if not stat.S_ISDIR(mode):
-            raise OutputError(
-                f"{self.folder} is a file, not a folder.", "Choose another output folder."
-            )
-        return False
-
-    def _stage(self, new: bool) -> None:
-        """Make a staging folder from where files can be moved into the folder.
-
-        That is beside it, so that the two can change places; else, as where the folder is a disk of
-        its own, or its parent cannot be written to, or there is no room for a longer name, within.
-        """
-        beside, within = places(self.folder, secrets.token_hex(4))
-        try:
-            if new:
-                self._make(self.folder.parent)
-                self._leaving.callback(_remove_empty, self.folder)
-            self._staging = beside
-            beside.mkdir()
-            if not new:
-                beside.rename(within)
-                within.rename(beside)
-        except OSError as error:
-            if new and error.errno != errno.ENAMETOOLONG:
-                raise
-            _remove_empty(beside)
-            self._staging = within
-            within.parent.mkdir(exist_ok=True)
-            within.mkdir(exist_ok=True)
-        self._leaving.callback(clear, self._staging)
-        with suppress(OSError):  # a file system without locks
-            self._leaving.callback(let_go, self._staging, hold(self._staging))
-        self._pool = ThreadPoolExecutor(_WRITERS)
-        self._leaving.callback(self._pool.shutdown, cancel_futures=True)
-
-    def _make(self, folder: Path) -> None:
-        missing = [each for each in (folder, *folder.parents) if not each.exists()]
-        for each in reversed(missing):
-            each.mkdir(exist_ok=True)
-            self._leaving.callback(_remove_empty, each)
-
     def _write(
         self, name: str, pixels: Pixels | Halves, compression: Compression, depth: Depth
     ) -> int:
@@ -194,30 +137,24 @@ class StagedResult:
         for name, size in self._sizes.items():
             path = self._staging / name
             try:
-                found = path.stat().st_size
+                now = path.stat().st_size
             except OSError as error:
-                reason = f"cannot be found again ({error.strerror})"
+                what = f"cannot be found again ({reason(error)})"
             else:
-                if found == size:
+                if now == size:
                     continue
-                reason = f"has {found} bytes instead of {size}"
+                what = f"has {now} bytes instead of {size}"
             raise OutputError(
-                f"{path} was written and {reason}: another program has changed it.",
+                f"{shown(path)} was written and {what}: another program has changed it.",
                 "Run it again, and keep other programs out of that folder.",
             )
 
     def _unwritable(self, error: OSError | ValueError) -> OutputError:
-        reason = error
-        if isinstance(error, OSError):
-            reason = error.strerror
-            if error.filename and Path(error.filename).parent == self.folder:
-                reason = f"{Path(error.filename).name}: {reason}"
+        why = reason(error)
+        if isinstance(error, OSError) and error.filename:
+            path = Path(os.fsdecode(error.filename))
+            why = f"{path.name}: {why}" if path.parent == self.folder else why
         return OutputError(
-            f"The folder {self.folder} cannot be written ({reason}).",
+            f"The folder {shown(self.folder)} cannot be written ({why}).",
             "Choose a folder that can be written, with space left.",
         )
-
-
-def _remove_empty(folder: Path) -> None:
-    with suppress(OSError):  # it is not there, or something lies in it: the result, as a rule
-        folder.rmdir()

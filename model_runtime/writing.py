@@ -58,13 +58,15 @@ class _Band:
 class FrameMaps:
     """Turns aged texels into the maps that `format` names, at any time.
 
-    `authored` [H, W] is what the artist gave, needed for "principled" alone.
+    `authored` [H, W] is what the artist gave, needed for "principled" alone.  Only texels that are
+    `covered` [H, W], or all with None, are chosen to stand for all.
     """
 
     aged: AgedTexels
     size: tuple[int, int]
     format: Format
     authored: PrincipledMaps | None
+    covered: NDArray[np.bool_] | None = None
 
     def at(self, time: float) -> dict[str, Halves]:
         """Every map at `time` in 0..1: name -> [H, W, 3] or [H, W], rounded to half floats."""
@@ -107,15 +109,17 @@ class FrameMaps:
         wide.
         """
         count = self.size[0] * self.size[1]
+        counted = np.arange(count) if self.covered is None else np.flatnonzero(self.covered)
         rng = np.random.default_rng(seed)
-        rows = np.union1d(rng.choice(count, min(count, _SAMPLE), replace=False), also).astype(int)
+        chosen = rng.choice(counted, min(len(counted), _SAMPLE), replace=False)
+        rows = np.union1d(chosen, also).astype(int)
         authored = None
         if self.authored is not None:
             authored = self.authored.map(
                 lambda pixels: pixels.reshape(count, 1, *pixels.shape[2:])[rows]
             )
         aged = self.aged.select(torch.from_numpy(rows))
-        return replace(self, aged=aged, size=(len(rows), 1), authored=authored)
+        return FrameMaps(aged, (len(rows), 1), self.format, authored)
 
     @cached_property
     def _bands(self) -> list[_Band]:
@@ -221,6 +225,8 @@ def maps_of(
     size: tuple[int, int],
     format: Format,
     times: Sequence[float],
+    *,
+    covered: NDArray[np.bool_] | None = None,
 ) -> FrameMaps:
     """What to write of `aged` in `format`.
 
@@ -228,7 +234,7 @@ def maps_of(
     that looks most like frame 1. "principled-exact" is replaced by "torrance-sparrow" where any
     texel at any of `times` is beyond what it can hold.
     """
-    maps = FrameMaps(aged, size, format, None)
+    maps = FrameMaps(aged, size, format, None, covered)
     if format == "principled-exact":
         if not maps.representable(times):
             maps = replace(maps, format="torrance-sparrow")

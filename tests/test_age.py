@@ -9,8 +9,10 @@ import hashlib
 import json
 import math
 import shlex
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -314,3 +316,76 @@ class TestFailures:
         with pytest.raises(OutputError, match="MB"):
             run(paint, tmp_path / "out", frames=2, size=16)
         assert contents(tmp_path / "out") == before
+
+    def test_files_that_no_run_has_written_are_refused_before_the_work(
+        self, paint: Path, tmp_path: Path
+    ):
+        (tmp_path / "out").mkdir()
+        (tmp_path / "out" / "metallic_0002.exr").write_bytes(b"mine")
+        listener = Listener()
+        with pytest.raises(OutputError, match=r"metallic_0002\.exr, which no run has written"):
+            run(paint, tmp_path / "out", listener, frames=2, size=8)
+        assert set(listener.stages) == {"reading"}
+        assert contents(tmp_path / "out") == {"metallic_0002.exr": b"mine"}
+
+
+class TestInputThatChanges:
+    """While the run goes on."""
+
+    @dataclass
+    class Meddler(Listener):
+        """Does something to the input once the modelling has begun."""
+
+        meddle: Callable[[], object] = lambda: None
+
+        def progress(self, stage: str, fraction: float) -> None:
+            if stage != "reading" and "modelling the change" not in self.stages:
+                self.meddle()
+            super().progress(stage, fraction)
+
+    @pytest.fixture
+    def source(self, tmp_path: Path) -> Path:
+        return write_painted_steel(tmp_path / "in", 8)
+
+    def test_the_report_has_the_hashes_of_what_was_read(self, source: Path, tmp_path: Path):
+        hashes = {name: hashlib.sha256(data).hexdigest() for name, data in contents(source).items()}
+        model = tmp_path / "own.safetensors"
+        model.write_bytes(find_model("rust").read_bytes())
+
+        def replace() -> None:
+            other = write_painted_steel(tmp_path / "other", 16)
+            for path in other.iterdir():
+                path.replace(source / path.name)
+            model.write_bytes(b"")
+
+        report = run(source, tmp_path / "out", self.Meddler(meddle=replace), ntm=str(model))
+        assert report["hashes"]["input"] == hashes
+        rust = hashlib.sha256(find_model("rust").read_bytes()).hexdigest()
+        assert report["hashes"]["ntm"] == rust
+
+    def test_one_that_is_deleted_costs_no_work(self, source: Path, tmp_path: Path):
+        meddler = self.Meddler(meddle=lambda: shutil.rmtree(source))
+        report = run(source, tmp_path / "out", meddler, frames=2)
+        assert not source.exists()
+        assert len(report["hashes"]["input"]) == 3
+
+    @pytest.mark.parametrize("keeps_times", [False, True])
+    def test_one_that_is_replaced_while_it_is_read_is_said(
+        self, source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keeps_times: bool
+    ):
+        """Also by a file of the same length and date."""
+        from model_runtime import age as ageing
+
+        def read_and_replace(path: Path, **options: Any):
+            material = read_input(path, **options)
+            other = write_painted_steel(tmp_path / "other", 8) / "Metallic.exr"
+            if keeps_times:
+                shutil.copystat(path / "Metallic.exr", other)
+            other.replace(path / "Metallic.exr")
+            return material
+
+        read_input = ageing.read_input
+        monkeypatch.setattr(ageing, "read_input", read_and_replace)
+        with pytest.raises(InputError, match=r"Metallic\.exr changed while it was read"):
+            run(source, tmp_path / "out", frames=2)
+        assert not (tmp_path / "out").exists()

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tvbrdf.model_runtime.commit import recover
 from tvbrdf.tvbrdf_addon.errors import SettingsError
-from tvbrdf.tvbrdf_addon.output import file_safe, free_folder, remove_partial, require_writable
+from tvbrdf.tvbrdf_addon.output import file_safe, free_folder, require_writable
 
 
 @pytest.mark.parametrize(
@@ -49,7 +50,7 @@ def test_a_folder_that_is_not_there_is_free(tmp_path: Path):
 
 def test_an_earlier_result_is_written_over_unless_it_is_shown(tmp_path: Path):
     (tmp_path / "Steel").mkdir()
-    (tmp_path / "Steel" / "aged.json").write_text("{}")
+    (tmp_path / "Steel" / "aged.json").write_text('{"files": {}}')
     assert free_folder(tmp_path, "Steel", []) == tmp_path / "Steel"
     assert free_folder(tmp_path, "Steel", [tmp_path / "Steel"]) == tmp_path / "Steel.001"
 
@@ -72,8 +73,31 @@ def test_writable(tmp_path: Path):
         require_writable(tmp_path / "file" / "below")
 
 
+def test_a_name_that_is_too_long_is_said(tmp_path: Path):
+    for attempt in (
+        lambda: require_writable(tmp_path / ("x" * 300) / "Steel"),
+        lambda: free_folder(tmp_path / ("x" * 300), "Steel", []),
+    ):
+        with pytest.raises(SettingsError, match="cannot be used"):
+            attempt()
+
+
+def test_a_report_of_somebody_else_is_no_earlier_result(tmp_path: Path):
+    """The worker would refuse to write over it."""
+    (tmp_path / "Steel").mkdir()
+    (tmp_path / "Steel" / "aged.json").write_text('{"age": 7}')
+    assert free_folder(tmp_path, "Steel", []) == tmp_path / "Steel.001"
+
+
+def test_what_a_killed_worker_has_staged_takes_no_folder(tmp_path: Path):
+    (tmp_path / "Steel" / ".aged.partial-abcd_012").mkdir(parents=True)
+    assert free_folder(tmp_path, "Steel", []) == tmp_path / "Steel"
+    (tmp_path / "Steel" / ".hidden").touch()
+    assert free_folder(tmp_path, "Steel", []) == tmp_path / "Steel.001"
+
+
 def test_only_what_a_killed_worker_left_of_this_result_is_removed(tmp_path: Path):
-    for name in (".Steel[1].partial-ab", ".Steel1.partial-cd", "Steel[1]"):
+    for name in (".Steel[1].partial-abcd_012", ".Steel1.partial-efgh_345", "Steel[1]"):
         (tmp_path / name).mkdir()
-    remove_partial(tmp_path / "Steel[1]")
-    assert {path.name for path in tmp_path.iterdir()} == {".Steel1.partial-cd", "Steel[1]"}
+    recover(tmp_path / "Steel[1]")
+    assert {path.name for path in tmp_path.iterdir()} == {".Steel1.partial-efgh_345", "Steel[1]"}

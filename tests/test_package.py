@@ -236,6 +236,29 @@ CARDS = {
     "frames null": {"frames": None},
     "a domain that is a list": {"domain": [1]},
     "trained null": {"trained": None},
+    "no title": {"title": ""},
+    "title null": {"title": None},
+    "name null": {"name": None},
+    "a name that is a number": {"name": 5},
+    "a description that is a list": {"description": ["Grows"]},
+    "source null": {"source": None},
+    "no temporal model": {"temporal_model": None},
+    "a lone surrogate": {"title": "Mo\ud800ss"},
+    "escape codes": {"description": "\x1b[2JGrows"},
+    "two lines": {"title": "Mo\nss"},
+    "writing turned round": {"name": "mo\u202ess"},
+    "an escape code deep inside": {"trained": {"data": [{"of": "\x9b2J"}]}},
+    "an escape code for a field": {"x\x1b[2J": 1},
+    "an endless title": {"title": "x" * 900_000},
+    "an endless representation": {"representation": "\x1b[2J" + "x" * 900_000},
+    "an endless text deep inside": {"trained": {"x": ["x" * 900_000]}},
+    "an endless field": {"x" * 900_000: 1},
+    "frames beyond any": {"frames": 2**31},
+    "frames less than none": {"frames": -1},
+    "frames that are true": {"frames": True},
+    "frames in a list": {"frames": [2]},
+    "a number that is none": {"domain": {"ranges": {"alpha": [float("nan"), 1]}}},
+    "a number without end": {"trained": {"seed": 10**30}},
 }
 
 
@@ -246,7 +269,32 @@ def test_what_is_no_model(tmp_path: Path, content: bytes):
 
 @pytest.mark.parametrize("change", CARDS.values(), ids=CARDS.keys())
 def test_a_card_that_makes_no_sense(tmp_path: Path, change: dict[str, Any]):
-    refused(stored(tmp_path, model_bytes(CARD | change)))
+    error = refused(stored(tmp_path, model_bytes(CARD | change)))
+    assert len(str(error)) < 300
+    assert str(error).isprintable()
+
+
+@pytest.mark.parametrize("field", ["name", "title", "temporal_model"])
+def test_a_card_without_what_everybody_shows(tmp_path: Path, field: str):
+    card = {name: value for name, value in CARD.items() if name != field}
+    assert f"its {field} is missing" in refused(stored(tmp_path, model_bytes(card))).message
+
+
+def test_a_number_too_large_for_any_float(tmp_path: Path):
+    header = model_bytes(CARD | {"trained": {"seconds": 123456789}})[8:-8].decode()
+    refused(stored(tmp_path, framed(header.replace("123456789", "1e999").encode(), bytes(8))))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names are plainer there")
+def test_a_file_name_that_cannot_be_shown(tmp_path: Path):
+    for name in ("\x1b[2Jmoss.safetensors", os.fsdecode(b"mo\xe9ss.safetensors")):
+        with pytest.raises(ModelFileError) as error:
+            read_card(stored(tmp_path, b"rubbish", name))
+        assert str(error.value).isprintable()
+    for path in (tmp_path / ("x" * 300 + ".safetensors"), tmp_path / ("x" * 900_000)):
+        with pytest.raises(ModelFileError) as error:
+            read_card(path)
+        assert len(str(error.value)) < 600
 
 
 @pytest.mark.parametrize(
@@ -279,6 +327,14 @@ def test_weights_that_are_no_numbers(tmp_path: Path, value: float):
         load_model(path, "ntm")
 
 
+def test_weights_that_no_training_makes(tmp_path: Path):
+    path = tmp_path / "moss.safetensors"
+    for value in (3e38, -2e4):
+        save_model(path, {"weight": torch.tensor([1.0, value])}, CARD, kind="ntm")
+        with pytest.raises(ModelFileError, match="no training makes"):
+            load_model(path, "ntm")
+
+
 def test_an_encoder_is_no_ntm(tmp_path: Path):
     path = stored(tmp_path, model_bytes(CARD | {"format": "tvbrdf-encoder"}))
     with pytest.raises(ModelFileError, match="holds an encoder, not an ntm"):
@@ -301,6 +357,17 @@ class TestListing:
         stored(tmp_path / "a", model_bytes(), "moss.txt")
         found = list_models((tmp_path / "a", tmp_path / "b", tmp_path / "none"))
         assert [card.title for card in found] == ["Algae", "Moss", "Zinc"]
+
+    def test_it_says_what_is_skipped(self, tmp_path: Path):
+        stored(tmp_path, model_bytes())
+        stored(tmp_path, model_bytes(CARD | {"title": "\ud800"}), "broken.safetensors")
+        stored(tmp_path, model_bytes(CARD | {"format": "tvbrdf-encoder"}), "encoder.safetensors")
+        said: list[ModelFileError] = []
+        folders = (tmp_path, tmp_path / "none", tmp_path / "moss.safetensors")
+        assert [card.name for card in list_models(folders, skipped=said.append)] == ["moss"]
+        assert "broken.safetensors" in said[0].message
+        assert "cannot be read" in said[1].message
+        assert len(said) == 2
 
     def test_a_model_is_found_by_its_name(self, tmp_path: Path):
         path = stored(tmp_path, model_bytes(), "any file name.safetensors")
@@ -351,6 +418,17 @@ def test_saving_that_fails_leaves_the_earlier_file(tmp_path: Path, monkeypatch):
     with pytest.raises(OutputError, match="full"):
         save_model(path, {"w": torch.ones(1)}, {"name": "moss"}, kind="ntm")
     assert path.read_bytes() == before
+
+
+def test_a_file_that_does_not_pass_its_check_replaces_nothing(tmp_path: Path):
+    path = tmp_path / "moss.safetensors"
+    save_model(path, {"w": torch.zeros(1)}, CARD, kind="ntm")
+    before = path.read_bytes()
+    broken = {"w": torch.tensor([float("nan")])}
+    with pytest.raises(ModelFileError, match="not finite"):
+        save_model(path, broken, CARD, kind="ntm", check=lambda file: load_model(file, "ntm"))
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_the_package_is_imported_without_torch_being_loaded():

@@ -31,7 +31,16 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 MATERIAL = "PaintedMetal004"
 TINY = Effort(NTMConfig(iterations=2, batch=8), 24, NTMConfig(iterations=2, batch=8), 2)
 MEASURED = (
-    *("draft", "balanced", "affine", "every 3rd frame", "aged every 3rd frame", "sparse"),
+    *(
+        "draft",
+        "balanced",
+        "draft, live",
+        "balanced, live",
+        "affine",
+        "every 3rd frame",
+        "aged every 3rd frame",
+        "sparse",
+    ),
     *("size / 2", "uncompressed", "latents", "latents, m = 258", "latents, fitted"),
 )
 
@@ -111,11 +120,18 @@ class TestReport:
         assert points["balanced"]["bytes"] < points["uncompressed"]["bytes"]
         assert points["balanced"]["truth"]["psnr"]["s1_a0.8_b0.1"] > 60
         assert points["sparse"]["truth"] is None
+        for quality in ("draft", "balanced"):
+            live = points[f"{quality}, live"]
+            assert live["frames_written"] == 0 and live["truth"] is None
+            assert live["psnr"]["worst_frame"] >= 38
+            assert live["bytes"] < points[quality]["bytes"]
 
     def test_the_issue_s_figures_are_all_there(self, report, output: Path):
         stored = json.loads((output / "pareto.json").read_text(encoding="utf-8"))
         names = " ".join(figure["name"] for figure in stored["figures"])
         for part in ("draft", "balanced", "lstm_latents", "memory", "growth", "warm worker"):
+            assert part in names
+        for part in ("balanced, live, 32 x 32", "draft, live, worst frame", "live, 128 x 128"):
             assert part in names
         assert "same EXRs from memory" in names
         for figure in stored["figures"]:
@@ -204,6 +220,8 @@ def test_each_setting_turns_one_knob():
     assert len({each.name for each in SETTINGS}) == len(SETTINGS)
     for each in SETTINGS:
         base = setting("balanced" if each.panel == "whole" else "latents")
+        if each.name == "draft, live":
+            base = setting("draft")
         turned = [
             *(name for name in vars(base) if getattr(each, name) != getattr(base, name)),
             *(

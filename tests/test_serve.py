@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -14,6 +15,8 @@ from typing import Any
 
 import pytest
 
+from tests.stub_worker import AgeRequest
+
 ROOT = Path(__file__).resolve().parents[1]
 STUB = Path(__file__).with_name("stub_worker.py")
 
@@ -21,9 +24,9 @@ STUB = Path(__file__).with_name("stub_worker.py")
 class Child:
     """A worker, spoken to by hand."""
 
-    def __init__(self, *arguments: str, seconds: float = 0.1) -> None:
+    def __init__(self, *arguments: str, seconds: float = 0.1, worker: Path = STUB) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, str(STUB), "serve", *arguments],
+            [sys.executable, str(worker), "serve", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -181,16 +184,133 @@ def test_a_failure_of_the_program_goes_to_stderr_with_its_traceback(child: Child
     error = child.answers(1)[-1]
     assert error["code"] == "internal"
     assert "Traceback" not in error["message"] + error["hint"]
+    assert "FileExistsError" in error["details"]
     child.send({"id": 2, "verb": "shutdown"})
     assert "Traceback" in child.process.communicate(timeout=10)[1]
 
 
-@pytest.mark.parametrize("line", ["no json", "[]", "7", '{"id": 1}', '{"id": 1, "verb": "sing"}'])
-def test_what_is_no_request_is_answered_and_survived(child: Child, line: str):
-    child.send(line)
-    assert child.reply()["code"] == "protocol"
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"no json",
+        b"[]",
+        b"7",
+        b"null",
+        b'{"id": 1}',
+        b'{"verb": "info"}',
+        b'{"id": 1, "verb": "sing"}',
+        b'{"id": 1, "verb": null}',
+        b'{"id": 1, "verb": ["age"]}',
+        b'{"id": [1], "verb": "info"}',
+        b'{"id": NaN, "verb": "info"}',
+        b'{"id": {}, "verb": "cancel"}',
+        b'{"id": 1, "verb": "info", "args": []}',
+        b'{"id": 1, "verb": "info", "args": 3}',
+        b'{"id": 1, "verb": "info", "args": "x"}',
+        b'{"id": 1, "verb": "info", "args": false}',
+        b"[" * 200_000,
+        b'{"id": 1, "verb": "info", "args": ' + b'{"a":' * 200_000,
+        b'{"id": ' + b"9" * 5000 + b', "verb": "info"}',
+        b"x" * (5 << 20),
+        b'{"id": 1, "verb": "info", "args": {"ntm": "' + b"x" * (1 << 20) + b'"}}',
+        b'{"id": 1, "verb": "info", "args": {"ntm": "caf\xe9"}}',
+        b"\xff\xfe\x00",
+        b"\x00",
+        b"\x1b[2J",
+    ],
+)
+def test_what_is_no_request_is_answered_and_survived(child: Child, line: bytes):
+    child.process.stdin.buffer.write(line + b"\n")
+    child.process.stdin.flush()
+    reply = child.reply()
+    assert (reply["type"], reply["code"]) == ("error", "protocol")
+    assert len(reply["message"]) < 1000 and reply["message"].isprintable()
     child.send({"id": 5, "verb": "info"})
     assert child.answers(5)[-1]["type"] == "done"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *(5, [], {}, True, 1e999),
+        *("a\0b.safetensors", "\udce9", "/", "x/" * 9999, "x" * 300 + ".safetensors"),
+    ],
+    ids=lambda wrong: ascii(wrong)[:20],
+)
+def test_a_wrong_model_to_tell_of_is_answered_and_survived(child: Child, wrong: object):
+    child.send({"id": 4, "verb": "info", "args": {"ntm": wrong}})
+    assert child.answers(4)[-1]["type"] == "error"
+    child.send({"id": 5, "verb": "info"})
+    assert child.answers(5)[-1]["type"] == "done"
+
+
+WRONG = (None, 5, -1, 1.5, True, [], {}, "", "\0", "\udce9", float("nan"), float("inf"), 10**300)
+
+
+@pytest.mark.parametrize("setting", sorted(vars(AgeRequest)["__dataclass_fields__"]))
+def test_no_setting_of_a_wrong_kind_ends_the_worker(child: Child, tmp_path: Path, setting: str):
+    for number, wrong in enumerate(WRONG):
+        if setting == "output" and wrong == "\udce9":
+            continue  # a name like any other, in the current folder
+        args = age(tmp_path, frames=1) | {setting: wrong}
+        child.send({"id": number, "verb": "age", "args": args})
+        assert child.answers(number)[-1]["type"] in ("done", "error")
+    child.send({"id": "last", "verb": "info"})
+    assert child.answers("last")[-1]["type"] == "done"
+
+
+@pytest.mark.parametrize("args", [{"id": 99}, {"id": [1]}, {"id": None}, {}])
+def test_cancel_of_what_does_not_run_is_an_error(child: Child, args: dict):
+    child.send({"id": 2, "verb": "cancel", "args": args})
+    (error,) = child.answers(2)
+    assert error["code"] == "usage"
+
+
+def test_signs_of_life_come_while_it_is_busy_and_only_then(tmp_path: Path):
+    child = Child(seconds=5)
+    messages = [child.message()]
+    child.send({"id": 1, "verb": "age", "args": age(tmp_path, frames=2)})
+    while messages[-1]["type"] != "done":
+        messages.append(child.message() | {"at": time.monotonic()})
+    assert [message["type"] for message in messages].index("loaded") < 4
+    beats = [message["at"] for message in messages if message["type"] == "alive"]
+    assert len(beats) >= 2
+    assert max(b - a for a, b in itertools.pairwise(beats)) < 4
+    time.sleep(3)
+    child.send({"id": 2, "verb": "shutdown"})
+    out, _ = child.process.communicate(timeout=10)
+    idle = [json.loads(line)["type"] for line in out.splitlines()]
+    assert idle.count("alive") <= 1
+
+
+@pytest.mark.parametrize(
+    "raised",
+    [
+        "MemoryError()",
+        'RuntimeError("DefaultCPUAllocator: can\'t allocate memory: you tried 9 bytes")',
+        "type('OutOfMemoryError', (RuntimeError,), {})('CUDA out of memory')",
+    ],
+)
+def test_running_out_of_memory_is_said_and_survived(tmp_path: Path, raised: str):
+    (tmp_path / "worker.py").write_text(
+        f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
+        "from tests import stub_worker\n"
+        f"def age(request, reporter): raise {raised}\n"
+        "stub_worker.stand_in.age = age\n"
+        "sys.exit(stub_worker.main())\n"
+    )
+    child = Child(worker=tmp_path / "worker.py")
+    child.reply()
+    child.send({"id": 1, "verb": "age", "args": age(tmp_path)})
+    (error,) = child.answers(1)
+    assert (error["code"], error["message"]) == (
+        "memory",
+        "There is not enough memory for this run.",
+    )
+    child.send({"id": 5, "verb": "info"})
+    assert child.answers(5)[-1]["type"] == "done"
+    child.process.kill()
+    child.process.communicate()
 
 
 def test_info_answers_during_a_run(tmp_path: Path):

@@ -302,6 +302,7 @@ class TestMethods:
         )
         torch.testing.assert_close(direct[0], stage.truth[9], rtol=1e-3, atol=1e-4)
 
+    @pytest.mark.usefixtures("data_folder")
     def test_a_fitted_mixture_starts_and_ends_as_its_materials(self):
         weights = np.linspace(0, 1, 3, dtype=np.float32)[:, None, None]
         mixture = MixtureSequence(

@@ -9,7 +9,8 @@ from typing import Literal
 
 import tyro
 
-from model_runtime.errors import TvbrdfError, UsageError, memory_in_words, reason, shown
+from model_runtime.errors import TvbrdfError, UsageError, reason, shown
+from model_runtime.memory import check_limits, memory_in_words
 
 _MOST_MINUTES = 1e6
 
@@ -214,6 +215,7 @@ def main() -> int:
     """
     try:
         with memory_in_words("Take fewer or smaller frames, or close other programs."):
+            check_limits()
             app.cli(prog="python -m training")
     except TvbrdfError as error:
         print(error, file=sys.stderr)

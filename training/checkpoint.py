@@ -19,11 +19,11 @@ from model_runtime.errors import (
     ModelFileError,
     TvbrdfError,
     UsageError,
-    ran_out_of_memory,
     reason,
     shown,
 )
 from model_runtime.files import replaced
+from model_runtime.memory import ran_out_of_memory
 
 __all__ = ("DivergedError", "load_checkpoint", "save_checkpoint")
 

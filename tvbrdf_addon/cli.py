@@ -16,6 +16,7 @@ from pathlib import Path
 import bpy
 
 from ..model_runtime import package
+from ..model_runtime.request import MOST_FRAMES
 from . import preferences, properties, session
 from .errors import SettingsError
 from .interrupt import Interrupts
@@ -53,7 +54,11 @@ def _run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     materials = [find_material(name) for name in dict.fromkeys(arguments.material)]
     for material in materials:
         _apply(arguments, material)
-    failures = [material.name for material in materials if not _age(material, interrupts)]
+    failures = [
+        material.name
+        for material in materials
+        if not _age(material, arguments.object or "", interrupts)
+    ]
     if failures:
         unsaved = f" {arguments.save_as} was not written." if arguments.save_as else ""
         return _failed(f"Not aged: {', '.join(failures)}.{unsaved}")
@@ -62,13 +67,16 @@ def _run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
     return _save(arguments.save_as)
 
 
-def _age(material: bpy.types.Material, interrupts: Interrupts) -> bool:
+def _age(material: bpy.types.Material, object_name: str, interrupts: Interrupts) -> bool:
     if interrupts.caught:
         return False
     name = material.name
     try:
         run = session.age_and_wait(
-            material, bpy.context.scene, cancelled=lambda: bool(interrupts.caught)
+            material,
+            bpy.context.scene,
+            object_name,
+            cancelled=lambda: bool(interrupts.caught),
         )
     except Exception as error:
         # One material's trouble must not keep the others from being aged.
@@ -189,12 +197,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--material", action="append", required=True, metavar="NAME", help="can be repeated"
     )
+    parser.add_argument(
+        "--object", metavar="NAME", help="object to read them from (one whose faces show them)"
+    )
     parser.add_argument("--ntm", required=True, metavar="NAME_OR_FILE", help="rust, patina, ...")
     parser.add_argument(
         "--frames", type=_frames, required=True, metavar="A-B", help="the scene's range to age over"
     )
     parser.add_argument(
-        "--steps", type=_whole(1, properties.LAST_FRAME), metavar="N", help="frames to model (36)"
+        "--steps", type=_whole(1, MOST_FRAMES), metavar="N", help="frames to model (36)"
     )
     parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
     parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")

@@ -99,6 +99,13 @@ class _Ages(_OnMaterial):
     bl_options: ClassVar[set[str]] = {"UNDO"}
     binding: ClassVar[str | None] = None
 
+    object: bpy.props.StringProperty(
+        name="Object",
+        description="Name of the object that the material is read from; empty for one that shows "
+        "it, the active one if it can be",
+        options={"SKIP_SAVE"},
+    )
+
     _run: Run
 
     @classmethod
@@ -121,7 +128,7 @@ class _Ages(_OnMaterial):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            run = session.age_and_wait(*self.target(context), binding=self.binding)
+            run = session.age_and_wait(*self.target(context), self.object, binding=self.binding)
         except (Exception, KeyboardInterrupt) as error:
             return self.refuse(error)
         for warning in run.warnings:
@@ -136,7 +143,9 @@ class _Ages(_OnMaterial):
         try:
             material, scene = self.target(context)
             preview = is_worth_a_preview(material, scene)
-            self._run = session.begin(material, scene, preview=preview, binding=self.binding)
+            self._run = session.begin(
+                material, scene, self.object, preview=preview, binding=self.binding
+            )
         except Exception as error:
             return self.refuse(error)
         _timer = context.window_manager.event_timer_add(TICK, window=context.window)

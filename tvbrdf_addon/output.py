@@ -10,7 +10,7 @@ from pathlib import Path
 from ..model_runtime.commit import is_free
 from .errors import SettingsError
 
-__all__ = ("file_safe", "free_folder", "require_writable")
+__all__ = ("file_safe", "folder_meant", "free_folder", "require_writable")
 
 # Names that Windows keeps for devices, whatever their extension.
 RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
@@ -53,6 +53,28 @@ def free_folder(parent: Path, name: str, taken: Iterable[Path]) -> Path:
         except (OSError, ValueError) as error:
             raise _unusable(folder, error) from error
         number += 1
+
+
+def folder_meant(text: str, beside: str) -> Path:
+    """The folder that a setting names: `//` is the folder `beside`, that of the .blend.
+
+    Where a file that was made on Windows is opened elsewhere, the folders of `//tex\\aged\\` are
+    still folders.
+
+    Raises:
+        SettingsError: it is on a drive of Windows, and this is another system.
+    """
+    if os.name != "nt":
+        if re.match(r"[A-Za-z]:[\\/]|\\\\", text):
+            raise SettingsError(
+                f"The output folder {text} is on a drive of Windows, which this machine has not.",
+                "Choose another, or one beside the .blend (//).",
+            )
+        if text.startswith("//"):
+            text = text.replace("\\", "/")
+    if text.startswith("//"):
+        return Path(beside, text.lstrip("/")).absolute()
+    return Path(text).absolute()
 
 
 def require_writable(folder: Path) -> None:

@@ -14,13 +14,14 @@ from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
 from .log import said_of
 from .material.age import age_path
+from .material.chosen import object_with
 from .material.onset import is_invertible
 from .material.record import is_live
 from .material.revert import is_aged
 from .operators import material_of
 from .plain import plain
 from .report import report_in
-from .run import Run, object_with, why_not
+from .run import Run, why_not
 from .sharing import left_out
 
 __all__ = ("CLASSES",)

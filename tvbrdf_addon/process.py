@@ -110,12 +110,9 @@ class Worker:
         return self._last_id
 
     def poll(self) -> Iterator[dict[str, Any]]:
-        """The messages that have come in."""
-        while True:
-            try:
-                message = self._inbox.get_nowait()
-            except queue.Empty:
-                return
+        """The messages that have come in by now."""
+        for _ in range(self._inbox.qsize()):
+            message = self._inbox.get_nowait()
             if message.get("type") == "loaded":
                 self.loaded = True
             yield message

@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 
 from ..model_runtime import package
+from ..model_runtime.request import MOST_FRAMES
 from . import preferences
 from .material.ownership import TAG
 from .material.retime import retime
@@ -163,7 +164,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Stages of ageing that are computed and stored; spread over the frame range",
         default=36,
         min=1,
-        max=LAST_FRAME,
+        max=MOST_FRAMES,
         soft_max=250,
     )
     use_camera_size: bpy.props.BoolProperty(

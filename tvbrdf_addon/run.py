@@ -20,7 +20,8 @@ from ..model_runtime.errors import Cancelled
 from . import forecast, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
-from .material.onset import is_invertible, showing, why_no_onset
+from .material.chosen import object_named, object_with
+from .material.onset import is_invertible, why_no_onset
 from .material.revert import is_aged, revert
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
@@ -28,7 +29,7 @@ from .worker import run as ask
 if TYPE_CHECKING:
     from .material.read import Reading
 
-__all__ = ("Plan", "Run", "object_with", "plan", "take_preview_back", "why_not")
+__all__ = ("Plan", "Run", "plan", "take_preview_back", "why_not")
 
 # Until this much is done and this much time has passed, time left would be a guess.
 GUESS_FRACTION, GUESS_SECONDS = 0.05, 2.0
@@ -55,20 +56,31 @@ class Plan:
     request: dict[str, Any]
 
 
-def plan(material: bpy.types.Material, scene: bpy.types.Scene, binding: str | None = None) -> Plan:
+def plan(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    object_name: str = "",
+    *,
+    binding: str | None = None,
+) -> Plan:
     """What ageing `material` with its settings will do, bound as they say unless `binding` says
     otherwise; looks, and changes nothing.
+
+    It is read from the object called `object_name`, or else from one that shows it.
 
     Raises:
         MaterialError, SettingsError: why it cannot be done.
     """
-    obj = object_with(material, scene)
+    if object_name:
+        obj = object_named(object_name, material, scene)
+    else:
+        obj = object_with(material, scene)
     if reason := why_not_readable(material, obj):
         raise MaterialError(reason)
     settings = material.tvbrdf
     model = _require_settings(material, scene)
     frame_start, frame_end = properties.frame_range(material, scene)
-    parent = Path(bpy.path.abspath(settings.output)).absolute()
+    parent = output.folder_meant(settings.output, bpy.path.abspath("//"))
     folder = output.free_folder(parent, material.name, _folders_in_use(material))
     output.require_writable(folder)
     return Plan(
@@ -105,17 +117,6 @@ def why_not(material: bpy.types.Material, scene: bpy.types.Scene) -> str | None:
     except SettingsError as error:
         return str(error)
     return None
-
-
-def object_with(material: bpy.types.Material, scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """An object of the scene that shows `material`: one with UVs, and the active one, if it can."""
-    active = bpy.context.view_layer.objects.active if bpy.context.view_layer else None
-    users = showing(material, scene)
-    return max(users, key=lambda obj: (_has_uvs(obj), obj == active), default=None)
-
-
-def _has_uvs(obj: bpy.types.Object) -> bool:
-    return obj.type == "MESH" and bool(obj.data.uv_layers)
 
 
 def _require_settings(material: bpy.types.Material, scene: bpy.types.Scene) -> Path:
@@ -284,9 +285,10 @@ class Run:
         size = PREVIEW_SIZE * max(reading.tiles.columns, reading.tiles.rows)
         quick = {"output": str(place), "size": size, "quality": "draft"}
         request = request | quick
-        for _ in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
+        for message in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()
-            yield
+            if message is None:
+                yield
         material = self._material()
         bind(
             material=material,
@@ -318,6 +320,9 @@ class Run:
         for message in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()
             match message:
+                case None:
+                    # Only now: messages may come faster than steps are taken.
+                    yield
                 case Progress(stage, fraction):
                     if self._computing_since is None:
                         self._computing_since = time.monotonic()
@@ -326,7 +331,6 @@ class Run:
                     self.warnings.append(text)
                 case Done(result):
                     self.aged = result
-            yield
 
     def _bind(self, reading: Reading) -> None:
         from .material.bind import bind

@@ -62,14 +62,16 @@ def outcome() -> Outcome | None:
 def begin(
     material: bpy.types.Material,
     scene: bpy.types.Scene,
+    object_name: str = "",
     *,
     preview: bool = False,
     binding: str | None = None,
 ) -> Run:
     """A run that ages `material`, to be stepped until it ends and then given to `finish`.
 
-    With `preview` it first shows a small draft, for somebody who watches; `binding`, where it is
-    not None, takes the place of the material's setting.
+    It is read from the object called `object_name`, or else from one that shows it.  With `preview`
+    it first shows a small draft, for somebody who watches; `binding`, where it is not None, takes
+    the place of the material's setting.
 
     Raises:
         SettingsError: another run goes on.
@@ -80,7 +82,8 @@ def begin(
         raise SettingsError(
             f"{_current.plan.material_name} is being aged.", "Wait for it to end, or cancel it."
         )
-    _current = Run(plan(material, scene, binding), _warm_worker(), preview=preview)
+    planned = plan(material, scene, object_name, binding=binding)
+    _current = Run(planned, _warm_worker(), preview=preview)
     return _current
 
 
@@ -96,16 +99,19 @@ def finish(run: Run, *, icon: str, sentences: tuple[str, ...]) -> None:
 def age_and_wait(
     material: bpy.types.Material,
     scene: bpy.types.Scene,
+    object_name: str = "",
     *,
     cancelled: Callable[[], bool] = lambda: False,
     binding: str | None = None,
 ) -> Run:
     """Age `material` here and now, printing progress; the run, at its end.
 
+    It is read from the object called `object_name`, or else from one that shows it.
+
     Raises:
         TvbrdfError: as `Run.step`.
     """
-    run = begin(material, scene, binding=binding)
+    run = begin(material, scene, object_name, binding=binding)
     sentences: tuple[str, ...] = ()
     said = ""
     try:

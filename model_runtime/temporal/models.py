@@ -33,6 +33,8 @@ class Affine:
     age.
     """
 
+    LARGEST_GAIN = 4.0
+
     def __init__(self, gain: Tensor, offset: Tensor) -> None:
         """`gain`, `offset`: [T, D], 1 and 0 at age 0."""
         self.gain, self.offset = gain, offset
@@ -52,7 +54,7 @@ class Affine:
         spread = start - mean_start
         variance = (weight * spread.square()).sum(0) / count
         covariance = (weight * spread * (histories - mean)).sum(0) / count
-        gain = (covariance / variance.clamp_min(1e-8)).clamp(0, 4)
+        gain = (covariance / variance.clamp_min(1e-8)).clamp(0, cls.LARGEST_GAIN)
         gain = torch.where(variance > 1e-8, gain, torch.ones_like(gain))
         gain[0] = 1
         offset = mean - gain * mean_start

@@ -105,6 +105,7 @@ class NeuralTemporalModel:
             if not (
                 card.frames > 1
                 and affine.gain.shape == affine.offset.shape == (card.frames, 7)
+                and bool(((affine.gain >= 0) & (affine.gain <= Affine.LARGEST_GAIN)).all())
                 and 0 < len(domain.centres) <= MOST_CENTRES
                 and domain.centres.shape[1:] == (7,)
                 and domain.radii.shape == (len(domain.centres),)

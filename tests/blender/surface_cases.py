@@ -70,6 +70,7 @@ def principled_group(name: str = "Paint Group") -> bpy.types.NodeTree:
     group = new_group(name)
     start = next(node for node in group.nodes if node.type == "GROUP_INPUT")
     shader = group.nodes.new("ShaderNodeBsdfPrincipled")
+    shader.parent = group.nodes.new("NodeFrame")
     ramp = group.nodes.new("ShaderNodeValToRGB")
     group.links.new(start.outputs["Noise"], ramp.inputs[0])
     group.links.new(ramp.outputs[0], shader.inputs["Base Color"])

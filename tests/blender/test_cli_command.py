@@ -47,6 +47,27 @@ def test_many_materials_each_in_its_folder(folder: Path):
     assert (folder / "results" / "Oak" / "aged.json").is_file()
 
 
+def test_the_object_that_is_named_is_read(folder: Path, capfd):
+    """Both show Steel; of the second only the bake of what varies with the place tells."""
+    steel = bpy.data.materials["Steel"]
+    bpy.data.objects["Plane.001"].data.materials[0] = steel
+    bpy.data.objects["Plane.001"].data.uv_layers[0].data[0].uv.x = 7
+    tree = steel.node_tree
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    tree.links.new(noise.outputs[0], tree.nodes["Principled BSDF"].inputs["Roughness"])
+    words = ["--material", "Steel", *USUAL]
+    assert main([*words, "--object", "Plane.001"]) == 1
+    assert "“Plane.001” reaches outside the square" in capfd.readouterr().err
+    assert main([*words, "--object", "Nobody"]) == 1
+    assert "no object called Nobody. Steel is shown by Plane, Plane.001." in capfd.readouterr().err
+    assert main([*words, "--object", "Plane"]) == 0
+
+
+def test_an_output_with_backslashes_is_beside_the_file(folder: Path):
+    assert main(["--material", "Steel", *USUAL, "--output", "//tex\\aged\\"]) == 0
+    assert (folder / "tex" / "aged" / "Steel" / "aged.json").is_file()
+
+
 def test_without_save_as_the_file_is_left_as_it_was(folder: Path):
     before = (folder / "file.blend").read_bytes()
     assert main(["--material", "Steel", *USUAL]) == 0

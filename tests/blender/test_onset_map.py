@@ -313,7 +313,7 @@ def _no_object(material, obj) -> None:
         (_no_colour, "“Height” of “Plane” is no color attribute: convert it"),
         (_no_uvs, "The mesh of “Plane” has no UV map: unwrap it (UV > Smart UV Project), or set"),
         (_two_without, "No object that shows this has a color attribute “Wear”"),
-        (_no_object, "“Paint” has to become a texture: select an object that uses it, or"),
+        (_no_object, "“Paint” has to become a texture: select an object that uses it in one"),
     ],
 )
 def test_what_is_missing_is_said_before_the_click(spoil, sentence):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -220,10 +221,10 @@ def slow(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def ending(run: Run) -> Exception:
+def ending(run: Run, pause: float = 0.0) -> Exception:
     try:
         while run.step():
-            pass
+            time.sleep(pause)
     except Exception as error:
         session.finish(run, icon="ERROR", sentences=(str(error),))
         return error
@@ -240,6 +241,19 @@ def test_there_is_one_run_at_a_time(slow: Path):
     assert bpy.ops.tvbrdf.age_material.poll()
     assert left_behind(slow) == []
     assert not is_aged(steel())
+
+
+def test_cancel_is_not_behind_all_that_the_worker_says(slow: Path):
+    """Steps are taken ten times a second; here the worker speaks ten times as often."""
+    steel().tvbrdf.steps = 3000
+    run = stepped()
+    asked = time.monotonic()
+    for _ in range(10):
+        assert run.step()
+        time.sleep(0.1)
+    run.cancel()
+    assert ending(run, pause=0.1).code == "cancelled"
+    assert time.monotonic() - asked < 3
 
 
 def test_renaming_during_a_run(folder: Path):

@@ -181,10 +181,10 @@ def _probes(bench: _Bench, truth: Truth, sizes: Sequence[int], frames: int) -> P
     """What is measured once, on the first material."""
     first, ntm, kept = bench.folders[0], bench.ntm, bench.kept
 
-    def in_child(size: int, count: int) -> dict[str, float]:
+    def in_child(size: int, count: int, binding: str = "frames") -> dict[str, float]:
         return bench.once(
-            f"large_{size}_{count}",
-            lambda: large_run(first, ntm, size=size, frames=count, beside=kept),
+            f"large_{size}_{count}_{binding}",
+            lambda: large_run(first, ntm, size=size, frames=count, beside=kept, binding=binding),
             first.name,
         )
 
@@ -192,6 +192,7 @@ def _probes(bench: _Bench, truth: Truth, sizes: Sequence[int], frames: int) -> P
         large={size: in_child(size, frames) for size in tqdm(sizes, desc="sizes")},
         frames=frames,
         usual=in_child(bench.size, bench.frames),
+        live=in_child(max(sizes), bench.frames, "live"),
         worker=bench.once(
             "worker", lambda: warm_worker(first, ntm, size=bench.size, beside=kept), bench.size
         ),

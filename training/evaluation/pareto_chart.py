@@ -18,6 +18,7 @@ __all__ = ("draw_chart",)
 
 _COLORS = {
     "": "#111111",
+    "binding": "#e69f00",
     "palette": "#0072b2",
     "rung": "#d55e00",
     "frames": "#009e73",

@@ -17,7 +17,9 @@ from model_runtime.age import AgeRequest, initial_states, timing_maps
 from model_runtime.brdf import principled
 from model_runtime.images import read_image
 from model_runtime.inputs import read_input
-from model_runtime.maps import PrincipledMaps
+from model_runtime.live.evaluate import LiveMaps
+from model_runtime.live.files import read_live
+from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.modelling import EFFORTS, model_texels
 from model_runtime.package import find_model
 from model_runtime.plan import appearance_psnr
@@ -62,9 +64,12 @@ class Exact:
         """PSNR in dB of the maps that `age` wrote to `folder`, at each of `times`.
 
         Its maps may be smaller (they are then interpolated, as a renderer would), its frames fewer
-        (one fades into the next, as in Blender) or made of others.
+        (one fades into the next, as in Blender) or made of others. A live material starts as
+        authored.
         """
         report = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
+        if report["binding"] == "live":
+            return self._live_psnr(read_live(folder))
         found = []
         for time_, truth in zip(self.times, self.states, strict=True):
             place = round(time_ * (report["frames"] - 1), 6)
@@ -82,6 +87,23 @@ class Exact:
                 for name, files in report["files"].items()
             }
             found.append(appearance_psnr(truth, _states(maps, self.authored)))
+        return found
+
+    def _live_psnr(self, live: LiveMaps) -> list[float]:
+        rows = self.rows.numpy()
+        timing = (
+            None if live.timing is None else interpolated(live.timing, self.size, rows)[:, None]
+        )
+        coefficients = interpolated(live.coefficients, self.size, rows)[:, None]
+        live = LiveMaps(live.curves, timing, coefficients)
+        given = principled.forward(self.authored)
+        start = np.concatenate((given.kd, given.ks, self.authored.roughness[..., None]), -1)
+        found = []
+        for time_, truth in zip(self.times, self.states, strict=True):
+            state = live.at(start, time_)
+            aged = TorranceSparrowMaps(state[..., :3], state[..., 3:6], np.square(state[..., 6]))
+            shown = principled.forward(principled.read_back(aged, self.authored))
+            found.append(appearance_psnr(truth, _stacked(shown)))
         return found
 
     def _texels(self, folder: Path, made_of: str | list[Any], color: bool) -> np.ndarray:
@@ -156,7 +178,12 @@ def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
     seen = principled.forward(
         PrincipledMaps(**written, ior=authored.ior, specular_tint=authored.specular_tint)
     )
-    stacked = np.concatenate((seen.kd, seen.ks, seen.alpha[..., None]), -1)
+    return _stacked(seen)
+
+
+def _stacked(maps: TorranceSparrowMaps) -> Tensor:
+    """(kd, ks, alpha) [n, 7]."""
+    stacked = np.concatenate((maps.kd, maps.ks, maps.alpha[..., None]), -1)
     return torch.from_numpy(stacked.reshape(-1, 7).copy())
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from .pareto_exact import Exact
+from .pareto_live import live_figures
 from .pareto_results import Figure, Point, Saving
 from .pareto_runs import Run
 from .pareto_settings import LATENTS
@@ -23,7 +24,8 @@ class Probes:
     """What is measured once.
 
     large: by map size, `wall` and `core` seconds and `peak_rss_mb` of a run in a process of its own
-    frames: that these runs wrote; usual: the same of one with all frames, at the usual size
+    frames: that these runs wrote; usual: the same of one with all frames, at the usual size; live:
+        of a live material at the largest, and `megabytes`
     worker: seconds from click to progress, `cold` and `warm`
     uniform: `core` seconds and `megabytes` of a `uniform` material and of the same as `texture`
     paper: core seconds of the paper's pipeline for a texel and its frames
@@ -32,6 +34,7 @@ class Probes:
     large: Mapping[int, Mapping[str, float]]
     frames: int
     usual: Mapping[str, float]
+    live: Mapping[str, float]
     worker: Mapping[str, float]
     uniform: Mapping[str, Mapping[str, float]]
     paper: float
@@ -149,7 +152,7 @@ def figures(
             probes.worker["warm"] <= 0.2,
         )
     )
-    return found
+    return found + live_figures(points, runs, probes.live, size=size, largest=largest)
 
 
 def savings(points: Mapping[str, Point], probes: Probes) -> list[Saving]:
@@ -168,6 +171,7 @@ def savings(points: Mapping[str, Point], probes: Probes) -> list[Saving]:
         ("aged every 3rd frame", "balanced", "aged every 3rd frame"),
         ("ZIP", "uncompressed", "balanced"),
         ("half the size", "balanced", "size / 2"),
+        ("live", "balanced", "balanced, live"),
     ):
         one, other = points[without], points[with_it]
         found.append(Saving(name, "core s", one.core, other.core))

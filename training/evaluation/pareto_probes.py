@@ -28,24 +28,28 @@ import json, sys, time
 from pathlib import Path
 from model_runtime.age import AgeRequest, age
 from training.evaluation.silent import Silent
-material, ntm, output, size, frames = sys.argv[1:]
-request = AgeRequest(Path(material), ntm, Path(output), size=int(size), frames=int(frames))
+material, ntm, output, size, frames, binding = sys.argv[1:]
+request = AgeRequest(
+    Path(material), ntm, Path(output), size=int(size), frames=int(frames), binding=binding
+)
 wall, core = time.perf_counter(), time.process_time()
 report = age(request, Silent())
 print(json.dumps({"wall": time.perf_counter() - wall, "core": time.process_time() - core,
-    "peak_rss_mb": report["peak_rss_mb"]}))
+    "peak_rss_mb": report["peak_rss_mb"],
+    "megabytes": sum(path.stat().st_size for path in Path(output).glob("*.exr")) / 1e6}))
 """
 
 
 def large_run(
-    material: Path, ntm: str, *, size: int, frames: int, beside: Path
+    material: Path, ntm: str, *, size: int, frames: int, beside: Path, binding: str = "frames"
 ) -> dict[str, float]:
-    """A balanced run in a process of its own: `wall` and `core` seconds, `peak_rss_mb`.
+    """A balanced run in a process of its own: `wall` and `core` seconds, `peak_rss_mb` and
+    `megabytes` of what it wrote.
 
     The folder `beside` holds its maps for a while.
     """
     with tempfile.TemporaryDirectory(dir=beside) as output:
-        words = [str(material), ntm, f"{output}/maps", str(size), str(frames)]
+        words = [str(material), ntm, f"{output}/maps", str(size), str(frames), binding]
         done = subprocess.run(
             [sys.executable, "-c", _CHILD, *words],
             cwd=_ROOT,

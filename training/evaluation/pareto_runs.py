@@ -35,7 +35,7 @@ class Run:
     megabytes: of what was written
     entries: of the palette
     rung: the model of change that was used
-    frames: that were written, of the map with the most
+    frames: that were written, of the map with the most; none where the material is live
     psnr: dB against exact in each frame that is compared
     writing: (wall, core) seconds to write the same maps from memory; None where not measured
     load: how many processes wanted a core meanwhile (the load average of the last minute)
@@ -113,7 +113,7 @@ def measure(
             megabytes=round(sum(maps) / 1e6, 3),
             entries=report["palette"],
             rung=report["temporal_model"],
-            frames=max(len(_written(files)) for files in report["files"].values()),
+            frames=_frames(report),
             psnr=[round(value, 3) for value in exact.psnr(folder)],
             writing=writing,
             load=round(load, 2),
@@ -125,6 +125,12 @@ def measure(
     made_from = identity(exact.states, model, f"{request} {setting.effort}")
     value = kept_json(kept / f"run_{name}.json", made_from, make)
     return Run(**value)
+
+
+def _frames(report: Mapping[str, Any]) -> int:
+    if report["binding"] == "live":
+        return 0
+    return max(len(_written(files)) for files in report["files"].values())
 
 
 def _written(files: list[Any]) -> set[str]:

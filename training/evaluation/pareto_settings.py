@@ -27,6 +27,7 @@ class Setting:
 
     shrink: maps are so many times smaller than those of the panel
     every: one frame of so many is asked for
+    binding: what is written: frames, or a live material
     """
 
     name: str
@@ -37,6 +38,7 @@ class Setting:
     shrink: int = 1
     every: int = 1
     sparse: bool = False
+    binding: Literal["live", "frames"] = "frames"
 
     def request(self, frames: int, size: int) -> dict[str, Any]:
         """The options of `AgeRequest`, where the panel's maps are `size` wide with `frames`."""
@@ -45,6 +47,7 @@ class Setting:
             "size": max(1, size // self.shrink),
             "temporal_model": self.rung,
             "sparse": self.sparse,
+            "binding": self.binding,
         }
 
 
@@ -58,6 +61,8 @@ LATENTS = "latents"
 SETTINGS = (
     Setting("draft", "", EFFORTS["draft"]),
     Setting("balanced", "", _BALANCED),
+    Setting("draft, live", "binding", EFFORTS["draft"], binding="live"),
+    Setting("balanced, live", "binding", _BALANCED, binding="live"),
     Setting("palette 0.1", "palette", replace(_BALANCED, step=0.1, checked=False)),
     Setting("palette 0.025", "palette", replace(_FINER, checked=False)),
     Setting("unchecked", "palette", replace(_BALANCED, checked=False)),

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ..errors import MaterialError
+from .cycles import Baker, baking_scene
 from .evaluated import Evaluated
 from .groups import shown_outside
-from .pixels import Array, image_pixels, require_memory, resampled
+from .pixels import Array, require_memory, resampled
 from .space import image_sizes
 from .standin import object_like, scene_like
 from .surface import Place, find_principled
@@ -21,7 +21,6 @@ from .trace import resolve, upstream
 
 __all__ = ("Target", "bake_sockets")
 
-_TILE = "tvbrdf tile"
 # What Cycles and its copies need for a texel of a bake.
 _BYTES_PER_TEXEL = 100
 
@@ -75,13 +74,11 @@ def bake_sockets(
     behind = [pair for socket in sockets for pair in upstream(socket, place.groups)]
     noisy = any(node.type in _NOISY for node, _ in behind)
     patterned = target.look is not None and any(_is_pattern(node) for node, _ in behind)
-    many = max(4, min(_SAMPLES, _MOST_SAMPLES // (size[0] * size[1])))
+    samples = max(4, min(_SAMPLES, _MOST_SAMPLES // (size[0] * size[1])))
     with ExitStack() as stack:
-        scene = stack.enter_context(_scene(frame))
+        scene = stack.enter_context(baking_scene(frame))
         scene_like(scene, target.scene, behind)
         obj = stack.enter_context(_object(scene, copy, target, behind))
-        image = stack.enter_context(_image(size))
-        coarse = stack.enter_context(_image((max(1, size[0] // 4), max(1, size[1] // 4))))
         alphas = _used_alphas(place)
         for side in ("Volume", "Displacement"):
             _unlink(tree, output.inputs[side])
@@ -93,33 +90,31 @@ def bake_sockets(
         if target.look is None:
             for each in place.trees:
                 _look_up_texels(each, size, target.tiles, node)
+        margin = max(8, max(size) // 32)
+        baker = Baker(scene, obj, node, target.uv_map, margin)
 
-        def bake(
-            tile: Tile, margin: int, samples: int = 1, image: bpy.types.Image = image
-        ) -> Array:
-            node.image, scene.cycles.samples = image, samples
-            _bake(scene, obj, _uv_map_of(tile, obj.data, target), margin)
-            return image_pixels(image)[..., :3]
-
-        def averaged(tile: Tile, inside: Array) -> Array:
-            pixels = bake(tile, margin, many if noisy else 1)
-            if noisy or not patterned or size[0] % 4 or size[1] % 4:
+        def values(tile: Tile, inside: Array) -> Array:
+            if noisy:
+                return baker.mean(tile, size, samples)
+            pixels = baker.texels(tile, size)
+            if not patterned or size[0] % 4 or size[1] % 4:
                 return pixels
-            between = bake(tile, margin, image=coarse)
-            return bake(tile, margin, many) if _is_finer(pixels, between, inside) else pixels
+            between = baker.texels(tile, (size[0] // 4, size[1] // 4))
+            if _is_finer(pixels, between, inside):
+                return baker.mean(tile, size, samples)
+            return pixels
 
         def kept(pixels: Array) -> Array:
             return resampled(pixels, shape or size)
 
         tiles = target.tiles.used
         emission.inputs["Color"].default_value = (1, 1, 1, 1)
-        inside = {tile: bake(tile, 0)[..., 0] for tile in tiles}
-        margin = max(8, max(size) // 32)
+        inside = {tile: baker.texels(tile, size, margin=0)[..., 0] for tile in tiles}
         maps: dict[str, dict[Tile, Array]] = {each: {} for each in identifiers}
         for group in _passes(sockets):
             _emit(tree, emission, group, place.groups)
             for tile in tiles:
-                pixels = averaged(tile, inside[tile])
+                pixels = values(tile, inside[tile])
                 if group[0].type == "RGBA":
                     maps[group[0].identifier][tile] = kept(pixels)
                 else:
@@ -228,28 +223,6 @@ def _unlink(tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket) -> None:
 
 
 @contextmanager
-def _scene(frame: int) -> Iterator[bpy.types.Scene]:
-    scene = bpy.data.scenes.new("tvbrdf bake")
-    try:
-        if not hasattr(scene, "cycles"):
-            raise MaterialError(
-                "This material has to be baked, and Cycles is turned off.",
-                "Enable Cycles Render Engine in Preferences > Add-ons.",
-            )
-        scene.render.engine = "CYCLES"
-        scene.cycles.device = "CPU"
-        scene.cycles.samples = 1
-        scene.cycles.use_adaptive_sampling = False
-        scene.cycles.use_denoising = False
-        scene.render.bake.view_from = "ABOVE_SURFACE"
-        scene.frame_current = frame
-        yield scene
-    finally:
-        # Not scenes.remove, which crashes Blender (4.3) where there is no window: --command.
-        bpy.data.batch_remove((scene,))
-
-
-@contextmanager
 def _object(
     scene: bpy.types.Scene,
     copy: bpy.types.Material,
@@ -285,62 +258,3 @@ def _squares(uv_map: str, tiles: Tiles) -> bpy.types.Mesh:
     layer = mesh.uv_layers.new(name=uv_map)
     layer.data.foreach_set("uv", np.array(corners, np.float32).ravel())
     return mesh
-
-
-def _uv_map_of(tile: Tile, mesh: bpy.types.Mesh, target: Target) -> str:
-    """The UV map that has `tile` of the target's at 0 to 1, which is where bakes go."""
-    if tile == (0, 0):
-        return target.uv_map
-    layer = mesh.uv_layers.get(_TILE) or mesh.uv_layers.new(name=_TILE, do_init=False)
-    if layer is None:
-        raise MaterialError(
-            f"“{target.look.obj.name}” has as many UV maps as it can have, and tiles need another.",
-            "Remove one under Object Data > UV Maps.",
-        )
-    uv = np.empty(len(mesh.loops) * 2, np.float32)
-    mesh.uv_layers[target.uv_map].data.foreach_get("uv", uv)
-    layer.data.foreach_set("uv", (uv.reshape(-1, 2) - np.array(tile, np.float32)).ravel())
-    mesh.update()
-    return layer.name
-
-
-@contextmanager
-def _image(size: tuple[int, int]) -> Iterator[bpy.types.Image]:
-    height, width = size
-    image = bpy.data.images.new(
-        "tvbrdf bake", width, height, alpha=False, float_buffer=True, is_data=True
-    )
-    try:
-        yield image
-    finally:
-        bpy.data.images.remove(image)
-
-
-def _bake(scene: bpy.types.Scene, obj: bpy.types.Object, uv_map: str, margin: int) -> None:
-    view_layer = scene.view_layers[0]
-    objects = [obj]
-    try:
-        with bpy.context.temp_override(
-            scene=scene,
-            view_layer=view_layer,
-            object=obj,
-            active_object=obj,
-            selected_objects=objects,
-            selected_editable_objects=objects,
-        ):
-            bpy.ops.object.bake(
-                type="EMIT",
-                target="IMAGE_TEXTURES",
-                save_mode="INTERNAL",
-                margin=margin,
-                margin_type="EXTEND",
-                use_clear=True,
-                use_selected_to_active=False,
-                use_cage=False,
-                uv_layer=uv_map,
-            )
-    except RuntimeError as error:
-        raise MaterialError(
-            f"Cycles could not bake the material: {str(error).strip()}",
-            "Try Object > Convert > Mesh on a copy of the object, or free memory.",
-        ) from error

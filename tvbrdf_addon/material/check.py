@@ -95,4 +95,5 @@ def _why_no_object(material: bpy.types.Material) -> str:
         if elsewhere and is_shown(material, obj):
             scene = obj.users_scene[0].name
             return f"{name} is shown by “{obj.name}” of the scene “{scene}”: switch to that scene."
-    return f"{name} has to become a texture: select an object that uses it."
+    wanted = "select an object that uses it in one of its material slots."
+    return f"{name} has to become a texture: {wanted}"

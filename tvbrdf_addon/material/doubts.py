@@ -16,8 +16,8 @@ from .unwrap import active_uv_map, flat_share, overlaps, squares
 
 __all__ = ("baked_badly", "lost", "shared", "unwrapped_badly")
 
-# A smaller part of a surface that ages alike is not seen.
-_FLAT = 0.1
+# A smaller part, as the rims that Solidify makes, lies on a line of what is beside it.
+_FLAT = 0.5
 
 _VIEW_NODES = ("FRESNEL", "LAYER_WEIGHT", "CAMERA", "LIGHT_PATH", "SHADERTORGB")
 _VIEW_OUTPUTS = ("Incoming", "Camera", "Window", "Reflection", "Parametric", "Backfacing")

@@ -52,7 +52,7 @@ def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
         scene.frame_set(frame)
         mesh = _mesh_of(stand_in, scene)
         stack.callback(bpy.data.meshes.remove, mesh)
-        mesh.validate(clean_customdata=False)
+        mesh.validate(clean_customdata=False)  # takes out what is no number, too
         depsgraph = scene.view_layers[0].depsgraph
         basis = stand_in.evaluated_get(depsgraph).matrix_basis.copy()
         yield Evaluated(obj, mesh, basis, _rest(stand_in, scene, mesh))

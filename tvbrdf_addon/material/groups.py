@@ -93,7 +93,8 @@ def feed(
     source: bpy.types.NodeSocket, socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node]
 ) -> None:
     """Links `source`, of the material's own tree, to a socket in one of its own `groups`."""
-    for group in groups:
+    depth = [group.node_tree for group in groups].index(socket.id_data)
+    for group, shown in zip(groups, (*groups[1 : depth + 1], socket.node), strict=False):
         inside = group.node_tree
         identifier = _new_socket(inside, socket, "INPUT")
         group.id_data.links.new(source, _with(identifier, group.inputs))
@@ -101,12 +102,10 @@ def feed(
         if entrance is None:
             entrance = inside.nodes.new("NodeGroupInput")
             entrance[TAG] = 1
-            x, y = socket.node.location
-            entrance.location, entrance.parent = (x - 250, y - 400), socket.node.parent
+            entrance.parent, (x, y) = shown.parent, shown.location
+            entrance.location = (x - 250, y - 400)
         source = _with(identifier, entrance.outputs)
-        if inside == socket.id_data:
-            inside.links.new(source, socket)
-            return
+    socket.id_data.links.new(source, socket)
 
 
 def shown_outside(

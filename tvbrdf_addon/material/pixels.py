@@ -51,7 +51,7 @@ def require_memory(size: tuple[int, int], bytes_per_texel: int) -> None:
         raise MaterialError(
             f"Textures of {size[1]} x {size[0]} px need {needed / 1e9:.0f} GB of memory, and this "
             f"machine has {memory / 1e9:.0f}.",
-            "Choose a smaller size.",
+            "Choose a smaller size, or smaller images.",
         )
 
 
@@ -159,6 +159,7 @@ def _along(pixels: Array, axis: int, length: int) -> list[int]:
 def write_exr(path: Path, pixels: Array) -> None:
     """Writes a map [H, W] or [H, W, 3] as a 32-bit float EXR, by Blender's own image code."""
     height, width = pixels.shape[:2]
+    require_memory((height, width), _BYTES_PER_TEXEL)
     rgba = np.ones((height, width, 4), np.float32)
     rgba[..., :3] = pixels if pixels.ndim == 3 else pixels[..., None]
     image = bpy.data.images.new(

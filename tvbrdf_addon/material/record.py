@@ -130,7 +130,7 @@ def store(material: bpy.types.Material, record: Record) -> None:
 
 
 def load(material: bpy.types.Material, name: str) -> Record:
-    """Reads the material's record; `MaterialError`, about `name`, where it was not written so."""
+    """Reads the material's record; where it is not what was written `MaterialError` on `name`."""
     try:
         data = json.loads(material.tvbrdf.original)
         if not isinstance(data, dict):

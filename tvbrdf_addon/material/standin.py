@@ -69,7 +69,7 @@ def _deform(obj: bpy.types.Object, rest: np.ndarray) -> None:
 def _named(obj: bpy.types.Object, like: bpy.types.Object) -> Iterator[None]:
     name = like.name
     if like.library is None:
-        like.name = f"{name} tvbrdf"
+        like.name = "tvbrdf look"
     try:
         obj.name = name
         yield

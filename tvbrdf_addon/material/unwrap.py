@@ -31,6 +31,8 @@ Array = NDArray[np.float32]
 _NO_AREA = 1e-9
 # Of a square, how far UVs may reach beyond it before they lie on another: rounding, half texels.
 _BEYOND = 0.05
+# What is infinite, or nearly, lies here: outside of everything.
+_FARTHEST = 1e6
 
 
 def active_uv_map(mesh: bpy.types.Mesh) -> str | None:
@@ -59,11 +61,6 @@ def require_faces(look: Evaluated, material: bpy.types.Material, frame: int) -> 
             f"No face of {name} shows “{material.name}”.",
             "Assign the material to some faces, or select another object.",
         )
-    if not np.isfinite(corners).all():
-        raise MaterialError(
-            f"{name} has vertices that lie nowhere (not a number).",
-            "Delete them: in Edit Mode use Mesh > Clean Up > Merge by Distance.",
-        )
     if not _areas(corners).any():
         raise MaterialError(
             f"The faces of {name} that show “{material.name}” have no area at frame {frame}.",
@@ -89,7 +86,7 @@ def check_unwrapped(look: Evaluated, material: bpy.types.Material, uv_map: str, 
     have no area in it.
     """
     _, uv = triangles(look.mesh, slots_with(look.mesh, material), uv_map)
-    if not np.isfinite(uv).all() or uv.min() < -0.5 / size or uv.max() > 1 + 0.5 / size:
+    if uv.min() < -0.5 / size or uv.max() > 1 + 0.5 / size:
         raise MaterialError(
             f"The UV map “{uv_map}” of “{look.obj.name}” reaches outside the square from 0 to 1, "
             f"and “{material.name}” has to be baked.",
@@ -125,17 +122,15 @@ def flat_share(look: Evaluated, material: bpy.types.Material, uv_map: str) -> fl
     """The share of the material's surface that lies on points or lines of the UV map."""
     corners, uv = triangles(look.mesh, slots_with(look.mesh, material), uv_map)
     area = _areas(corners)
-    return float(area[~(_areas(uv) > _NO_AREA)].sum() / max(area.sum(), 1e-30))
+    return float(area[_areas(uv) <= _NO_AREA].sum() / max(area.sum(), 1e-30))
 
 
 def squares(look: Evaluated, material: bpy.types.Material, uv_map: str) -> tuple[int, int]:
     """How many squares of UV space, across and up, the material's faces lie on."""
     _, uv = triangles(look.mesh, slots_with(look.mesh, material), uv_map)
-    points = uv.reshape(-1, 2)
-    points = points[np.isfinite(points).all(1)]
-    if not len(points):
+    if not len(uv):
         return 1, 1
-    across, up = np.ceil(np.ptp(points, axis=0) - _BEYOND).clip(1).astype(int).tolist()
+    across, up = np.ceil(np.ptp(uv, axis=(0, 1)) - _BEYOND).clip(1).astype(int).tolist()
     return across, up
 
 
@@ -144,7 +139,6 @@ def covered(uv: Array, side: int) -> NDArray[np.bool_]:
     at the top, and no cell that one touches left out.
     """
     cells = np.zeros((side, side), bool)
-    uv = uv[np.isfinite(uv).all((1, 2))]
     while len(uv):
         u, v = np.moveaxis(np.floor(uv * side).astype(np.int64) % side, -1, 0)
         cells[side - 1 - v, u] = True
@@ -183,7 +177,7 @@ def triangles(mesh: bpy.types.Mesh, slots: Sequence[bool], uv_map: str) -> tuple
     uv = np.empty(len(mesh.loops) * 2, np.float32)
     mesh.uv_layers[uv_map].data.foreach_get("uv", uv)
     loops = _of_triangles(mesh, "loops", 3)[_shown(mesh, slots)]
-    return corners, uv.reshape(-1, 2)[loops]
+    return corners, uv.reshape(-1, 2)[loops].clip(-_FARTHEST, _FARTHEST)
 
 
 def _corners(mesh: bpy.types.Mesh, slots: Sequence[bool]) -> Array:

@@ -1,0 +1,370 @@
+"""What counts is what a render shows of an object: after modifiers, at the frame, hidden or not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from tests.blender.material_cases import (
+    add,
+    link,
+    new_material,
+    plane,
+    procedural,
+    read_maps,
+)
+from tests.blender.test_bind import read
+from tests.blender.test_read import refusal
+
+pytestmark = pytest.mark.usefixtures("empty_scene")
+
+
+def baked_material() -> bpy.types.Material:
+    material = new_material()
+    procedural(material)
+    return material
+
+
+def modified(obj: bpy.types.Object, kind: str, **settings: object) -> bpy.types.Modifier:
+    modifier = obj.modifiers.new(kind, kind)
+    for name, value in settings.items():
+        setattr(modifier, name, value)
+    return modifier
+
+
+def with_nodes(
+    obj: bpy.types.Object,
+    build: Callable[[bpy.types.NodeTree, bpy.types.NodeSocket], bpy.types.NodeSocket],
+) -> None:
+    """Gives `obj` geometry nodes; `build` makes of the geometry that comes in that which leaves."""
+    group = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=side, socket_type="NodeSocketGeometry")
+    begin, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    group.links.new(build(group, begin.outputs[0]), end.inputs[0])
+    modified(obj, "NODES", node_group=group)
+
+
+# What Cycles would die of
+
+
+def _build(obj) -> None:
+    modified(obj, "BUILD")
+
+
+def _mask(obj) -> None:
+    modified(obj, "MASK", vertex_group=obj.vertex_groups.new(name="None").name)
+
+
+def _masked_in_renders_only(obj) -> None:
+    _mask(obj)
+    obj.modifiers[0].show_viewport = False
+
+
+def _all_deleted(obj) -> None:
+    def build(group, geometry):
+        node = group.nodes.new("GeometryNodeDeleteGeometry")
+        group.links.new(geometry, node.inputs[0])
+        return node.outputs[0]
+
+    with_nodes(obj, build)
+
+
+def _without_area(obj) -> None:
+    for vertex in obj.data.vertices:
+        vertex.co = (0, 0, 0)
+
+
+def _flattened(obj) -> None:
+    modified(obj, "SIMPLE_DEFORM", deform_method="STRETCH", factor=-1.0)
+    modified(obj, "CAST", factor=1.0, size=1e-9, use_radius_as_size=False)
+
+
+def _other_material(obj) -> None:
+    obj.data.materials.append(new_material("Other"))
+    obj.data.polygons[0].material_index = 1
+
+
+def _other_material_by_nodes(obj) -> None:
+    other = new_material("Other")
+
+    def build(group, geometry):
+        node = group.nodes.new("GeometryNodeSetMaterial")
+        node.inputs["Material"].default_value = other
+        group.links.new(geometry, node.inputs[0])
+        return node.outputs[0]
+
+    with_nodes(obj, build)
+
+
+def _no_uvs(obj) -> None:
+    modified(obj, "REMESH")
+
+
+def _uvs_on_one_point(obj) -> None:
+    for corner in obj.data.uv_layers[0].data:
+        corner.uv = (0.3, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_build, "“Plane” has no faces at frame 1: its modifiers leave none"),
+        (_mask, "“Plane” has no faces at frame 1"),
+        (_masked_in_renders_only, "“Plane” has no faces at frame 1"),
+        (_all_deleted, "“Plane” has no faces at frame 1"),
+        (_without_area, "have no area at frame 1"),
+        (_other_material, "No face of “Plane” shows “Paint”"),
+        (_other_material_by_nodes, "No face of “Plane” shows “Paint”"),
+        (_no_uvs, "The modifiers of “Plane” leave no UV map"),
+        (_uvs_on_one_point, "has no area"),
+    ],
+)
+def test_what_cannot_be_baked_is_refused_in_a_sentence(tmp_path, spoil, words):
+    material = baked_material()
+    obj = plane(material)
+    spoil(obj)
+    assert words in refusal(material, obj, tmp_path)
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf, 1e30])
+def test_places_that_are_no_numbers(tmp_path, number):
+    material = baked_material()
+    obj = plane(material)
+    obj.data.vertices[0].co.x = number
+    read(material, obj, tmp_path)
+    assert all(np.isfinite(values).all() for values in read_maps(tmp_path / "maps").values())
+    obj.data.uv_layers[0].data[2].uv.x = number
+    if np.isnan(number):  # Blender makes it 0
+        read(material, obj, tmp_path)
+    else:
+        assert "outside the square" in refusal(material, obj, tmp_path)
+    material = new_material()
+    obj.data.materials[0] = material
+    read(material, obj, tmp_path)
+
+
+def test_faces_that_come_later_are_baked_then(tmp_path):
+    material = baked_material()
+    material.tvbrdf.frame_start, material.tvbrdf.frame_end = 300, 400
+    obj = plane(material)
+    _build(obj)
+    assert read(material, obj, tmp_path).size == (16, 16)
+
+
+def test_nodes_that_tell_a_view_from_a_render_apart(tmp_path):
+    """There is no looking at the mesh of a render beforehand: what was looked at is baked."""
+
+    def build(group, geometry):
+        view, switch = (group.nodes.new(f"GeometryNode{x}") for x in ("IsViewport", "Switch"))
+        switch.input_type = "GEOMETRY"
+        group.links.new(view.outputs[0], switch.inputs["Switch"])
+        group.links.new(geometry, switch.inputs["True"])
+        return switch.outputs[0]
+
+    material = baked_material()
+    obj = plane(material)
+    with_nodes(obj, build)
+    assert read(material, obj, tmp_path).size == (16, 16)
+
+
+def test_memory_that_is_not_there_is_not_asked_for(monkeypatch):
+    from tvbrdf.tvbrdf_addon.errors import MaterialError
+    from tvbrdf.tvbrdf_addon.material import pixels
+
+    pixels.require_memory((1024, 1024), 100)
+    sizes = {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}
+    monkeypatch.setattr(pixels.os, "sysconf", sizes.get)
+    with pytest.raises(MaterialError, match=r"1024 x 1024 px need 0 GB of memory.*smaller size"):
+        pixels.require_memory((1024, 1024), 100)
+
+
+# What is hidden
+
+
+def _hidden(obj) -> None:
+    obj.hide_render = obj.hide_viewport = True
+
+
+def _excluded(obj) -> None:
+    scene = bpy.context.scene
+    collection = bpy.data.collections.new("Excluded")
+    scene.collection.children.link(collection)
+    collection.objects.link(obj)
+    scene.collection.objects.unlink(obj)
+    bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
+
+
+def _appears_later(obj) -> None:
+    for hidden, frame in ((True, 1), (False, 50)):
+        obj.hide_render = obj.hide_viewport = hidden
+        obj.keyframe_insert("hide_render", frame=frame)
+        obj.keyframe_insert("hide_viewport", frame=frame)
+    bpy.context.scene.frame_set(1)
+
+
+@pytest.mark.parametrize("hide", [_hidden, _excluded, _appears_later])
+def test_a_hidden_object_is_read_as_if_it_were_seen(tmp_path, hide):
+    material = baked_material()
+    obj = plane(material)
+    modified(obj, "SUBSURF", levels=0, render_levels=2)
+    read(material, obj, tmp_path)
+    seen = read_maps(tmp_path / "maps")
+    hide(obj)
+    read(material, obj, tmp_path)
+    for name, values in read_maps(tmp_path / "maps").items():
+        np.testing.assert_array_equal(values, seen[name])
+
+
+# Modifiers
+
+
+def _taper(obj) -> None:
+    modified(obj, "SIMPLE_DEFORM", deform_method="TAPER", factor=1.0)
+
+
+def _smooth(obj) -> None:
+    modified(obj, "SUBSURF", levels=0, render_levels=2)
+
+
+def _smooth_and_taper(obj) -> None:
+    _smooth(obj)
+    _taper(obj)
+
+
+def _shape_key(obj) -> None:
+    obj.shape_key_add(name="Basis")
+    key = obj.shape_key_add(name="Key")
+    key.data[0].co, key.value = (3, 1, 2), 1.0
+    _smooth(obj)
+
+
+def _array(obj) -> None:
+    modified(obj, "ARRAY")
+
+
+@pytest.mark.parametrize("change", [_taper, _smooth, _smooth_and_taper, _shape_key, _array])
+@pytest.mark.parametrize("coordinates", ["Generated", "Object"])
+def test_coordinates_are_those_that_cycles_shows_on_the_modified_mesh(
+    tmp_path, coordinates, change
+):
+    """Cycles' own bake of the object itself is the judge."""
+    material = new_material()
+    node = add(material, "ShaderNodeTexCoord")
+    bpy.ops.mesh.primitive_cube_add()
+    obj = bpy.context.object
+    obj.data.materials.append(material)
+    link(material, node.outputs[coordinates], "Base Color")
+    change(obj)
+    read(material, obj, tmp_path)
+    found = read_maps(tmp_path / "maps")["BaseColor"]
+    image = bpy.data.images.new("Judge", 16, 16, alpha=False, float_buffer=True, is_data=True)
+    target, emission = add(material, "ShaderNodeTexImage"), add(material, "ShaderNodeEmission")
+    target.image = image
+    tree = material.node_tree
+    tree.nodes.active = target
+    tree.links.new(node.outputs[coordinates], emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+    bpy.context.scene.render.engine, bpy.context.scene.cycles.samples = "CYCLES", 1
+    bpy.ops.object.bake(type="EMIT", margin=0)
+    judge = np.array(image.pixels[:]).reshape(16, 16, 4)[::-1, :, :3]
+    covered = read_maps(tmp_path / "maps")["Coverage"][..., 0] > 0
+    np.testing.assert_allclose(found[covered], judge[covered].clip(0), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings"), [("MIRROR", {}), ("ARRAY", {}), ("SOLIDIFY", {"thickness": 0.4})]
+)
+def test_copies_that_modifiers_make_share_a_texture(tmp_path, kind, settings):
+    material = baked_material()
+    obj = plane(material)
+    assert not read(material, obj, tmp_path).warnings
+    modified(obj, kind, **settings)
+    (warning,) = read(material, obj, tmp_path).warnings
+    assert "overlap in the UV map “UVMap” and will share one texture" in warning
+
+
+def _set_material(obj: bpy.types.Object, material: bpy.types.Material) -> None:
+    def build(group, geometry):
+        node = group.nodes.new("GeometryNodeSetMaterial")
+        node.inputs["Material"].default_value = material
+        group.links.new(geometry, node.inputs[0])
+        return node.outputs[0]
+
+    with_nodes(obj, build)
+
+
+def test_a_material_in_no_slot_that_nodes_give(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.chosen import object_with
+
+    material = baked_material()
+    plane()
+    obj = plane()
+    _set_material(obj, material)
+    assert object_with(material, bpy.context.scene) == obj
+    assert read(material, obj, tmp_path).uv_map == "UVMap"
+
+
+def test_instances_that_nodes_make_are_faces_of_the_object(tmp_path):
+    """Four cubes on the corners of a plane, all with the same UVs."""
+    material = baked_material()
+    obj = plane(material)
+
+    def build(group, geometry):
+        points, cube, store, give = (
+            group.nodes.new(f"GeometryNode{x}")
+            for x in ("InstanceOnPoints", "MeshCube", "StoreNamedAttribute", "SetMaterial")
+        )
+        store.data_type, store.domain = "FLOAT2", "CORNER"
+        store.inputs["Name"].default_value = "UVMap"
+        give.inputs["Material"].default_value = material
+        group.links.new(cube.outputs["Mesh"], store.inputs["Geometry"])
+        value = next(each for each in store.inputs if each.name == "Value" and each.enabled)
+        group.links.new(cube.outputs["UV Map"], value)
+        group.links.new(store.outputs[0], give.inputs[0])
+        group.links.new(geometry, points.inputs["Points"])
+        group.links.new(give.outputs[0], points.inputs["Instance"])
+        return points.outputs[0]
+
+    with_nodes(obj, build)
+    (warning,) = read(material, obj, tmp_path).warnings
+    assert "overlap" in warning
+
+
+def test_nothing_is_left_behind(tmp_path):
+    material = baked_material()
+    obj = plane(material)
+    _smooth_and_taper(obj)
+    _set_material(obj, material)
+    kinds = ("scenes", "objects", "meshes", "materials", "images", "node_groups", "shape_keys")
+
+    def everything() -> dict[str, list[str]]:
+        return {kind: [each.name for each in getattr(bpy.data, kind)] for kind in kinds}
+
+    before = everything()
+    read(material, obj, tmp_path)
+    assert everything() == before
+    assert [each.show_viewport for each in obj.modifiers] == [True] * 3
+
+
+# Texels that no face covers
+
+
+def test_the_texels_that_faces_cover_are_told(tmp_path: Path):
+    material = baked_material()
+    bpy.ops.mesh.primitive_cube_add()
+    obj = bpy.context.object
+    obj.data.materials.append(material)
+    assert read(material, obj, tmp_path).sampling.extension == "EXTEND"
+    coverage = read_maps(tmp_path / "maps")["Coverage"]
+    assert (coverage > 0).mean() == 6 / 16  # a cross of six squares in four by four
+
+
+def test_a_square_that_is_covered_says_nothing_of_it(tmp_path: Path):
+    material = baked_material()
+    read(material, plane(material), tmp_path)
+    assert "Coverage" not in read_maps(tmp_path / "maps")
