@@ -89,13 +89,12 @@ def _age(driver: bpy.types.Driver, frame: int) -> float | None:
     target = variable.targets[0] if variable is not None else None
     if target is None or not isinstance(target.id, bpy.types.Material):
         return None
-    owner, path = target.id, target.data_path
+    owner, path, without = target.id, target.data_path, 0.0  # as a render has it
     if path.startswith(_IN_TREE):  # of 0.1
-        owner, path = owner.node_tree, path.removeprefix(_IN_TREE)
-    for curve in channels(owner):
-        if curve.data_path == path:
-            return curve.evaluate(frame)
+        owner, path, without = owner.node_tree, path.removeprefix(_IN_TREE), None
     try:
-        return owner.path_resolve(path)
+        now = owner.path_resolve(path)
     except ValueError:
-        return None
+        return without
+    curve = next((each for each in channels(owner) if each.data_path == path), None)
+    return now if curve is None else curve.evaluate(frame)

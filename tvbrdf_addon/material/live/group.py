@@ -27,6 +27,8 @@ OUTPUTS = {
 }
 """What the group gives, by the format of the result."""
 
+_UNTIL = "As authored until something ages"
+
 _HALF_ZERO = 2.0**-15
 """What Cycles makes of 0 in an image of half floats."""
 
@@ -67,8 +69,9 @@ def aged_group(
         return Triple(canvas, node.outputs["Color"])
 
     local = _local_age(canvas, age, maps.timing, texture)
-    state = _changed(canvas, _forward(canvas), local, curves, maps.coefficients, texture)
-    result = _GIVE[maps.format](canvas, _limited(canvas, state), local)
+    start = _forward(canvas)
+    state = _changed(canvas, start, local, curves, maps.coefficients, texture)
+    result = _GIVE[maps.format](canvas, start, _limited(canvas, state), local)
     with canvas.stage("Result"):
         canvas.give(dict(zip(OUTPUTS[maps.format], result, strict=True)))
     arrange(group)
@@ -164,7 +167,7 @@ def _limited(canvas: Canvas, state: _State) -> _State:
 
 
 def _give_authored(
-    canvas: Canvas, state: _State, local: Number
+    canvas: Canvas, _start: _State, state: _State, local: Number
 ) -> tuple[Triple, Number, Number, Number]:
     """The sockets read back, and the artist's own to the last bit where nothing has aged yet."""
     with canvas.stage("Read back"):
@@ -177,7 +180,7 @@ def _give_authored(
         metallic, level = (
             Number(canvas, node.outputs[each]) for each in ("Metallic", "Specular IOR Level")
         )
-    with canvas.stage("As authored until something ages"):
+    with canvas.stage(_UNTIL):
         aged = greater(local, 0.0)
         return (
             where3(aged, base, canvas.triple("Base Color")),
@@ -187,20 +190,24 @@ def _give_authored(
         )
 
 
-def _give_exact(canvas: Canvas, state: _State, local: Number) -> tuple[Triple, Triple, Number]:
+def _give_exact(
+    canvas: Canvas, start: _State, state: _State, local: Number
+) -> tuple[Triple, Triple, Number]:
+    state = _give_torrance_sparrow(canvas, start, state, local)
     with canvas.stage("Read back, exact"):
         node = canvas.add("ShaderNodeGroup", state.kd, state.ks, node_tree=exact_group())
         base, tint = (Triple(canvas, each) for each in node.outputs)
-        return base, tint, _roughness(canvas, state, local)
+        return base, tint, state.roughness
 
 
-def _give_torrance_sparrow(canvas: Canvas, state: _State, local: Number) -> _State:
-    with canvas.stage("As authored until something ages"):
-        return state._replace(roughness=_roughness(canvas, state, local))
-
-
-def _roughness(canvas: Canvas, state: _State, local: Number) -> Number:
-    return where(greater(local, 0.0), state.roughness, canvas.number("Roughness").clamp())
+def _give_torrance_sparrow(canvas: Canvas, start: _State, state: _State, local: Number) -> _State:
+    with canvas.stage(_UNTIL):
+        aged = greater(local, 0.0)
+        return _State(
+            where3(aged, state.kd, start.kd),
+            where3(aged, state.ks, start.ks),
+            where(aged, state.roughness, start.roughness),
+        )
 
 
 _GIVE = {
