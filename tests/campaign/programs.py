@@ -103,11 +103,7 @@ class Child:
 
     def peak_mb(self) -> float:
         """The most memory held since `forget_peak`; 0 where the process has ended."""
-        try:
-            status = Path(f"/proc/{self.process.pid}/status").read_text()
-            return int(status.partition("VmHWM:")[2].split()[0]) / 1024
-        except (OSError, IndexError):
-            return 0.0
+        return _peak_mb(self.process.pid)
 
     def log(self) -> str:
         """What it wrote to stderr since the last call."""
@@ -221,25 +217,24 @@ def command(
             env=_environment(home),
             start_new_session=True,
         )
-    while (ended := os.wait4(process.pid, os.WNOHANG))[0] == 0:
+    peak_mb, hung = 0.0, False
+    while process.poll() is None and not hung:
         elapsed = time.monotonic() - started
-        if elapsed > seconds:
+        # What wait4 tells begins with what this process held when it started the other.
+        peak_mb = max(peak_mb, _peak_mb(process.pid))
+        if hung := elapsed > seconds:
             os.killpg(process.pid, signal.SIGKILL)
-            os.wait4(process.pid, 0)
-            break
         if watch is not None and sent is None and (sent := watch(process.pid, elapsed)):
             os.kill(process.pid, sent)
         time.sleep(0.001 if watch else 0.01)
-    process.returncode = 0  # it has been waited for
-    _, status, usage = ended if ended[0] else (0, None, None)
-    text = err.read_text(errors="replace")
+    seconds, code = time.monotonic() - started, process.wait()
     return _answer_of(
-        None if status is None else os.waitstatus_to_exitcode(status),
+        None if hung else code,
         sent,
-        log=text,
+        log=err.read_text(errors="replace"),
         said=out.read_text(errors="replace"),
-        seconds=time.monotonic() - started,
-        peak_mb=0.0 if usage is None else usage.ru_maxrss / 1024,
+        seconds=seconds,
+        peak_mb=peak_mb,
     )
 
 
@@ -260,6 +255,15 @@ def _answer_of(
         ended = "refused"
     words = (*lines, *([] if said.startswith(("{", "[")) else said.split("\n")))
     return Answer(ended, str(code), words, log=log, noise=noise, **measured)
+
+
+def _peak_mb(process: int) -> float:
+    """The most memory that a process has held; 0 where it has ended."""
+    try:
+        status = Path(f"/proc/{process}/status").read_text()
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    except (OSError, IndexError):
+        return 0.0
 
 
 def _environment(home: Path) -> dict[str, str]:
