@@ -1,0 +1,50 @@
+"""A child that reads as the add-on does, without Blender: reports, times to come, lists of models.
+
+It answers one JSON request a line: `{"report": FOLDER}`, `{"rates": FILE}` or `{"models": FOLDER}`,
+with what the panel would say.  A wrong way out is a traceback, as it would be in Blender.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from model_runtime.package import list_models
+from tvbrdf_addon.estimate import Rates, Work, in_bytes, in_time
+from tvbrdf_addon.report import report_in
+
+
+def _report(folder: Path) -> list[str]:
+    report = report_in(folder)
+    if report is None:
+        return []
+    return [*report.sentences, *report.warnings, report.change("affine"), str(report.size)]
+
+
+def _rates(path: Path) -> list[str]:
+    expected = Rates.load(path).of(Work(1 << 20, 36, "balanced", "affine"))
+    return [in_time(expected.seconds), in_bytes(expected.bytes)]
+
+
+def _models(folder: Path) -> list[str]:
+    cards = list_models((folder,))
+    # What Blender does with them: a menu needs text that is UTF-8.
+    return [card.name for card in cards if f"{card.name}{card.title}{card.description}".encode()]
+
+
+_READERS = {"report": _report, "rates": _rates, "models": _models}
+
+
+def main() -> None:
+    """Answer until stdin closes."""
+    for line in sys.stdin:
+        request: dict[str, Any] = json.loads(line)
+        ((what, path),) = request.items()
+        print(json.dumps({"said": _READERS[what](Path(os.fsdecode(path)))}), flush=True)
+
+
+if __name__ == "__main__":
+    main()
