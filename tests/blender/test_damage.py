@@ -126,6 +126,19 @@ def test_a_damaged_record_leaves_the_material_alone(tmp_path, summed):
     assert settled(material)["nodes"] == before["nodes"]
 
 
+def test_a_record_of_version_0_1_which_has_no_check_sum_is_understood(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.record import forget_names
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    material, before, _ = aged(tmp_path)
+    data = json.loads(material.tvbrdf.original)
+    del data["sum"]
+    material.tvbrdf.original = json.dumps({**data, "version": 1})
+    forget_names(material.node_tree)
+    revert(material)
+    assert settled(material) == before
+
+
 @pytest.mark.parametrize("text", ["[]", "{}", "7", "[" * 100_000, '{"version": 2}', '"x"', "\\"])
 def test_so_does_text_that_is_no_record(tmp_path, text):
     from tvbrdf.tvbrdf_addon.material.revert import revert
