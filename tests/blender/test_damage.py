@@ -291,6 +291,22 @@ def test_whatever_the_artist_edits_a_sentence_or_the_deed(tmp_path, edit, kind, 
     sentence(lambda: bind(copy, obj, made_up(tmp_path / "again", kind), tmp_path))
 
 
+def test_nodes_of_ours_that_were_grouped_are_to_be_ungrouped(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.ownership import TAG
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    material, _, _ = aged(tmp_path)
+    node = add(material, "ShaderNodeGroup", label="Mine")
+    node.node_tree = bpy.data.node_groups.new("Mine", "ShaderNodeTree")
+    node.node_tree.nodes.new("ShaderNodeMix")[TAG] = 1
+    for operate in (revert, lambda m: freeze(m, 3)):
+        said = sentence(lambda operate=operate: operate(material))
+        assert "in the group “Mine”" in said
+    material.node_tree.nodes.remove(node)
+    revert(material)
+
+
 @SHARED
 @given(order=st.lists(st.sampled_from(EDITS), min_size=2, max_size=4), frozen=st.booleans())
 def test_so_in_any_order(tmp_path, order, frozen):
