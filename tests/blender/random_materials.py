@@ -257,6 +257,8 @@ def _share_an_action(material: bpy.types.Material, other: bpy.types.Material) ->
     if data is None or data.action is None:
         return
     theirs = other.node_tree.animation_data_create()
+    if theirs.action is not None:
+        return
     theirs.action = data.action
     if hasattr(theirs, "action_slot"):
         theirs.action_slot = data.action_slot

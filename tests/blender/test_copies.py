@@ -38,6 +38,31 @@ def test_a_linked_material_is_left_to_its_own_file(tmp_path, override):
 
 
 @pytest.mark.parametrize("build", [awkward, in_nested_groups])
+def test_a_material_made_local_leaves_what_is_linked_alone(tmp_path, build):
+    """Only the material: its images, its action and its groups are the other file's still."""
+    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    _, before, _ = aged(tmp_path, build)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, to):
+        to.materials = ["Paint"]
+    material = to.materials[0].make_local()
+    linked = {each for each in bpy.data.images if each.library}
+    assert linked
+    shown = {(each.name, each.source, each.filepath) for each in linked}
+    copy = material.copy()
+    freeze(copy, 4)
+    assert {(each.name, each.source, each.filepath) for each in linked} == shown
+    for each in (copy, material):
+        revert(each)
+        after = settled(each)
+        assert after["links"] == before["links"]
+        assert [n["inputs"] for n in after["nodes"]] == [n["inputs"] for n in before["nodes"]]
+
+
+@pytest.mark.parametrize("build", [awkward, in_nested_groups])
 def test_an_appended_material_reverts_exactly(tmp_path, build):
     """Into a file that has other data-blocks of the same names."""
     from tvbrdf.tvbrdf_addon.material.revert import revert

@@ -126,6 +126,19 @@ def test_a_damaged_record_leaves_the_material_alone(tmp_path, summed):
     assert settled(material)["nodes"] == before["nodes"]
 
 
+def test_a_record_of_version_0_1_which_has_no_check_sum_is_understood(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.record import forget_names
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    material, before, _ = aged(tmp_path)
+    data = json.loads(material.tvbrdf.original)
+    del data["sum"]
+    material.tvbrdf.original = json.dumps({**data, "version": 1})
+    forget_names(material.node_tree)
+    revert(material)
+    assert settled(material) == before
+
+
 @pytest.mark.parametrize("text", ["[]", "{}", "7", "[" * 100_000, '{"version": 2}', '"x"', "\\"])
 def test_so_does_text_that_is_no_record(tmp_path, text):
     from tvbrdf.tvbrdf_addon.material.revert import revert
@@ -275,6 +288,22 @@ def test_whatever_the_artist_edits_a_sentence_or_the_deed(tmp_path, edit, kind, 
     said = sentence(lambda: revert(material))
     assert bool(said) == is_aged(material)
     sentence(lambda: bind(copy, obj, made_up(tmp_path / "again", kind), tmp_path))
+
+
+def test_nodes_of_ours_that_were_grouped_are_to_be_ungrouped(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.ownership import TAG
+    from tvbrdf.tvbrdf_addon.material.revert import revert
+
+    material, _, _ = aged(tmp_path)
+    node = add(material, "ShaderNodeGroup", label="Mine")
+    node.node_tree = bpy.data.node_groups.new("Mine", "ShaderNodeTree")
+    node.node_tree.nodes.new("ShaderNodeMix")[TAG] = 1
+    for operate in (revert, lambda m: freeze(m, 3)):
+        said = sentence(lambda operate=operate: operate(material))
+        assert "in the group “Mine”" in said
+    material.node_tree.nodes.remove(node)
+    revert(material)
 
 
 @SHARED

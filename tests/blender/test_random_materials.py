@@ -48,6 +48,11 @@ def test_it_ages_travels_and_comes_back(empty_scene, tmp_path: Path, seed: int):
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     before = everything()
     assert bpy.ops.tvbrdf.age_material(material=name) == {"FINISHED"}
+    if seed % 2:
+        assert bpy.ops.tvbrdf.age_material(material=name) == {"FINISHED"}
+    if seed % 3 == 1:
+        empty_scene.frame_set(4)
+        assert bpy.ops.tvbrdf.freeze(material=name) == {"FINISHED"}
     aged = everything()
     assert aged != before
     for other in before:

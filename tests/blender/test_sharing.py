@@ -82,6 +82,8 @@ def test_a_packed_file_says_what_it_leaves_out_until_frozen(aged, tmp_path):
     for each in shown:
         assert each.packed_file
         assert tuple(each.size) == (4, 4)
+        assert each.colorspace_settings.is_data
+        np.testing.assert_allclose(each.pixels[0], (1 + 3 * 5 / 9) / 4, rtol=1e-3)
 
 
 def test_auto_pack_counts_as_packed(aged):

@@ -242,6 +242,28 @@ def test_a_factor_that_never_changes_decides(factor: float, shown: str, by: str)
             find_principled(material)
 
 
+def test_a_color_as_factor_decides_nothing():
+    from tvbrdf.tvbrdf_addon.material.check import why_not
+
+    material = new_material()
+    mix = second_principled(material)
+    group = bpy.data.node_groups.new("Color to Shader", "ShaderNodeTree")
+    group.interface.new_socket("Factor", in_out="INPUT", socket_type="NodeSocketColor")
+    group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    for side in ("A", "B"):
+        group.interface.new_socket(side, in_out="INPUT", socket_type="NodeSocketShader")
+    start, inner = group.nodes.new("NodeGroupInput"), group.nodes.new("ShaderNodeMixShader")
+    for output, socket in zip(start.outputs[:3], inner.inputs, strict=True):
+        group.links.new(output, socket)
+    group.links.new(inner.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    node = add(material, "ShaderNodeGroup")
+    node.node_tree = group
+    for socket, theirs in zip(node.inputs[1:], mix.inputs[1:], strict=True):
+        material.node_tree.links.new(theirs.links[0].from_socket, socket)
+    material.node_tree.links.new(node.outputs[0], end_of(material))
+    assert "only one can be aged" in why_not(material, plane(material))
+
+
 def test_a_keyed_factor_decides_nothing():
     from tvbrdf.tvbrdf_addon.material.check import why_not
 

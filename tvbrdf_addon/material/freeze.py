@@ -7,6 +7,7 @@ import bpy
 from ..errors import MaterialError
 from .age import hold_age
 from .animation import channels, own_action, remove_keys
+from .groups import require_ungrouped
 from .record import is_aged, keyed_sockets, load, require_local, sequences, tagged
 from .trace import input_socket
 
@@ -31,6 +32,7 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     from .still import Fade, show, still
 
     record, tree = load(material, material.name), material.node_tree
+    require_ungrouped(tree, material.name)
     last = record.frames - 1
     offsets = {
         node: round(_driven(node.image_user, "frame_offset", frame, last))

@@ -13,6 +13,7 @@ from typing import Literal
 
 import bpy
 
+from ..errors import MaterialError
 from .ownership import TAG, user_count
 from .surface import Place
 
@@ -22,6 +23,7 @@ __all__ = (
     "own_groups",
     "owned_groups",
     "remove_unused",
+    "require_ungrouped",
     "restore_groups",
     "shown_outside",
 )
@@ -69,6 +71,19 @@ def originals_lost(tree: bpy.types.NodeTree) -> list[str]:
         for node in owned_groups(tree)
         if not isinstance(node.node_tree[TAG], bpy.types.NodeTree)
     ]
+
+
+def require_ungrouped(tree: bpy.types.NodeTree, name: str) -> None:
+    """Raises `MaterialError`, about the material `name`, where an artist has put what ageing added
+    to its tree into a group.
+    """
+    for node in tree.nodes:
+        inside = node.node_tree if node.type == "GROUP" else None
+        if inside is not None and TAG not in inside and any(TAG in each for each in inside.nodes):
+            raise MaterialError(
+                f"What ageing added to “{name}” is in the group “{node.label or node.name}”.",
+                "Select it and use Group > Ungroup first.",
+            )
 
 
 def restore_groups(tree: bpy.types.NodeTree) -> None:

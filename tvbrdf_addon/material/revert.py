@@ -7,7 +7,7 @@ import bpy
 from ..errors import MaterialError
 from .age import take_age
 from .animation import own_action, remove_keys
-from .groups import originals_lost, restore_groups
+from .groups import originals_lost, require_ungrouped, restore_groups
 from .ownership import remove_groups, remove_images
 from .record import (
     Link,
@@ -67,6 +67,7 @@ def _require_fitting(material: bpy.types.Material, record: Record, name: str) ->
             f"What “{name}” was before ageing does not fit its nodes.",
             "Append the material from an earlier save of the file.",
         )
+    require_ungrouped(tree, name)
     lost = originals_lost(tree)
     if lost:
         raise MaterialError(

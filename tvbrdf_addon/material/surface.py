@@ -149,7 +149,7 @@ def _mixed(node: bpy.types.Node, groups: _Groups) -> Sequence[bpy.types.NodeSock
     factor, first, second = node.inputs
     source = resolve(factor, groups)
     constant = not source.is_output or source.node.type == "VALUE"
-    if constant and not is_animated(source):
+    if constant and source.type == "VALUE" and not is_animated(source):
         if source.default_value <= 0:
             return (first,)
         if source.default_value >= 1:
