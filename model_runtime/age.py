@@ -215,9 +215,14 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
 
     live: Fitted | None = None
     if live_wanted:
+        authored = None
+        if wanted == "principled" and isinstance(material, PrincipledMaps):
+            authored = material.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
+            if covered is not None:
+                authored = authored.map(lambda pixels: pixels[covered][:, None])
         with run.timed("fit"):
             run.progress("finding what texels share", 0.4)
-            live = fit_live(modelled, request.tolerance, each_for_itself)
+            live = fit_live(modelled, request.tolerance, each_for_itself, authored)
         if live is None:
             if request.binding == "live":
                 run.warn(_NOT_LIVE)
@@ -227,8 +232,7 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         run.progress("writing", 0.4)
         aged = modelled if covered is None else texels.beside(modelled, covered)
         if live is not None:
-            compression = "rle" if effort.compression == "none" else effort.compression
-            format, files = write_live(live.sum, aged, size, wanted, staged, compression)
+            format, files = write_live(live.sum, aged, size, wanted, staged)
         else:
             maps = maps_of(aged, material, size, wanted, times, covered=covered)
             format, files = maps.format, _write(run, Frames(maps, times, effort.interval), staged)
