@@ -25,7 +25,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, BinaryIO, TextIO
 
 from . import __version__
-from .errors import Cancelled, TvbrdfError, UsageError, ran_out_of_memory, reason, shown
+from .errors import Cancelled, TvbrdfError, UsageError, reason, shown
+from .memory import ran_out_of_memory
 from .request import MissingLibraryError, cards, load_age, request_from
 
 __all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "claim_stdout", "serve")
