@@ -156,9 +156,8 @@ def write_exr(path: Path, rows: list[list[tuple[float, ...]]]) -> None:
     path.write_bytes(header + struct.pack(f"<{height}Q", *offsets) + body)
 
 
-stand_in = types.ModuleType("model_runtime.age")
-stand_in.AgeRequest, stand_in.age = AgeRequest, age
-sys.modules["model_runtime.age"] = stand_in
-
 if __name__ == "__main__":
+    stand_in = types.ModuleType("model_runtime.age")
+    stand_in.AgeRequest, stand_in.age = AgeRequest, age
+    sys.modules["model_runtime.age"] = stand_in
     sys.exit(main())
