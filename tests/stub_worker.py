@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 import types
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -156,8 +157,13 @@ def write_exr(path: Path, rows: list[list[tuple[float, ...]]]) -> None:
     path.write_bytes(header + struct.pack(f"<{height}Q", *offsets) + body)
 
 
+def stand_in(ages: Callable[..., dict]) -> None:
+    """Let this process's worker age by `ages`."""
+    module = types.ModuleType("model_runtime.age")
+    module.AgeRequest, module.age = AgeRequest, ages
+    sys.modules["model_runtime.age"] = module
+
+
 if __name__ == "__main__":
-    stand_in = types.ModuleType("model_runtime.age")
-    stand_in.AgeRequest, stand_in.age = AgeRequest, age
-    sys.modules["model_runtime.age"] = stand_in
+    stand_in(age)
     sys.exit(main())

@@ -296,7 +296,7 @@ def test_running_out_of_memory_is_said_and_survived(tmp_path: Path, raised: str)
         f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
         "from tests import stub_worker\n"
         f"def age(request, reporter): raise {raised}\n"
-        "stub_worker.stand_in.age = age\n"
+        "stub_worker.stand_in(age)\n"
         "sys.exit(stub_worker.main())\n"
     )
     child = Child(worker=tmp_path / "worker.py")
