@@ -1,65 +1,65 @@
-"""Arranges a node group so that it reads as a page does: frame after frame, line after line."""
+"""Arranges a node group so that it reads from left to right: frames, and the nodes in each."""
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 
 import bpy
 
 __all__ = ("arrange",)
 
-_PAGE = 3000
-"""How wide a line of frames may become."""
-
-_GAP, _BETWEEN, _LINE = 40, 100, 22
+_GAP, _BETWEEN, _LINE = 40, 110, 22
 # Widths and heights by type: without a window none has been drawn, so Blender knows no sizes.
 _WIDTHS = {"VALTORGB": 240, "TEX_IMAGE": 240, "GROUP": 220}
 _HEIGHTS = {"VALTORGB": 230, "TEX_IMAGE": 290, "ATTRIBUTE": 170, "GROUP": 300}
 _WIDTH, _COLLAPSED = 140, 46
 
+_Pairs = Iterable[tuple[bpy.types.Node, bpy.types.Node]]
+
 
 def arrange(tree: bpy.types.NodeTree) -> None:
-    """Puts the frames in lines, in the order in which they were added; in each frame a node lies
-    one column right of the last one that feeds it there.
+    """Puts every frame one column right of the last one that feeds it, and nodes in it likewise.
+
+    Those that were added first lie on top.
     """
-    left = top = lowest = 0.0
-    for frame in [node for node in tree.nodes if node.type == "FRAME"]:
-        inside = [node for node in tree.nodes if node.parent == frame]
-        width, height = _lay_out(tree, inside)
-        if left > 0 and left + width > _PAGE:
-            left, top = 0.0, lowest - _BETWEEN
-        for node in inside:
-            node.location.x += left
-            node.location.y += top
-        left += width + _BETWEEN
-        lowest = min(lowest, top - height)
+    frames = [node for node in tree.nodes if node.type == "FRAME"]
+    links = [(link.from_node, link.to_node) for link in tree.links]
+    left = 0.0
+    for column in _columns(frames, [(a.parent, b.parent) for a, b in links]):
+        top = right = 0.0
+        for frame in column:
+            inside = [node for node in tree.nodes if node.parent == frame]
+            width, height = _lay_out(_columns(inside, links), left, top)
+            right, top = max(right, width), top - height - _BETWEEN
+        left += right + _BETWEEN
 
 
-def _lay_out(tree: bpy.types.NodeTree, nodes: list[bpy.types.Node]) -> tuple[float, float]:
-    """Lays out a frame's nodes from (0, 0) to the right and down; the width and height taken."""
-    columns: dict[int, list[bpy.types.Node]] = defaultdict(list)
-    for node, column in _columns(tree, nodes).items():
-        columns[column].append(node)
+def _lay_out(columns: list[list[bpy.types.Node]], left: float, top: float) -> tuple[float, float]:
+    """Lays out a frame's nodes; the width and height taken."""
     width = height = 0.0
-    for _, column in sorted(columns.items()):
+    for column in columns:
         y = 0.0
         for node in sorted(column, key=lambda each: each.type != "GROUP_INPUT"):
-            node.location = (width, y)
-            y -= _height(node)
+            node.location = (left + width, top - y)
+            y += _height(node)
         width += max(_WIDTHS.get(node.type, _WIDTH) for node in column) + _GAP
-        height = max(height, -y)
+        height = max(height, y)
     return width, height
 
 
-def _columns(tree: bpy.types.NodeTree, nodes: list[bpy.types.Node]) -> dict[bpy.types.Node, int]:
-    feeders: dict[bpy.types.Node, list[bpy.types.Node]] = {node: [] for node in nodes}
-    for link in tree.links:
-        if link.to_node in feeders and link.from_node in feeders:
-            feeders[link.to_node].append(link.from_node)
-    columns: dict[bpy.types.Node, int] = {}
-    for node in nodes:  # as they were added: what feeds a node comes before it
-        columns[node] = max((columns[each] + 1 for each in feeders[node]), default=0)
-    return columns
+def _columns(nodes: list[bpy.types.Node], links: _Pairs) -> list[list[bpy.types.Node]]:
+    """The nodes by column, given in an order in which what feeds one comes before it."""
+    feeders: dict[bpy.types.Node, set[bpy.types.Node]] = {node: set() for node in nodes}
+    for source, target in links:
+        if target in feeders and source in feeders and source != target:
+            feeders[target].add(source)
+    places: dict[bpy.types.Node, int] = {}
+    columns: dict[int, list[bpy.types.Node]] = defaultdict(list)
+    for node in nodes:
+        places[node] = max((places[each] + 1 for each in feeders[node]), default=0)
+        columns[places[node]].append(node)
+    return [column for _, column in sorted(columns.items())]
 
 
 def _height(node: bpy.types.Node) -> float:

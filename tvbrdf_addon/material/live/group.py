@@ -116,25 +116,22 @@ def _changed(
         gain = _curves(canvas, local, curves.gain)
     with canvas.stage("Offset"):
         offset = _curves(canvas, local, curves.offset)
-        kd, ks, roughness = (
-            each.scaled(by, plus) for each, by, plus in zip(state, gain, offset, strict=True)
-        )
-        state = _State(kd, ks, roughness)
+    changes = []
     for number, shape in enumerate(curves.shapes):
         channel = number % COEFFICIENTS_A_FILE
         if channel == 0:
             with canvas.stage("Coefficients"):
                 path = coefficients[number // COEFFICIENTS_A_FILE]
                 shares = texture(path, "Coefficients").channels()
-        share = shares[channel]
         with canvas.stage(f"Change {number + 1}"):
             change = _curves(canvas, local, shape)
-            state = _State(
-                state.kd + change.kd * share,
-                state.ks + change.ks * share,
-                change.roughness.scaled(share, state.roughness),
-            )
-    return state
+            changes.append(_State(*(each * shares[channel] for each in change)))
+    with canvas.stage("Gain · authored + offset + changes"):
+        for plus in changes:
+            offset = _State(*(a + b for a, b in zip(offset, plus, strict=True)))
+        return _State(
+            *(each.scaled(by, plus) for each, by, plus in zip(state, gain, offset, strict=True))
+        )
 
 
 def _curves(canvas: Canvas, local: Number, curve: Array) -> _State:
