@@ -93,7 +93,7 @@ def roll_out(
             if ntm.latents.sizes != representation.latent_sizes:
                 raise _unusable(ntm, "rolls out latents of another encoder")
             flat = model.rollout(latents.flat(), ntm.frames)
-            if not bool(flat.isfinite().all()):
+            if _leads_nowhere(flat, chunk):
                 raise _unusable(ntm, "makes latents that are not finite")
             states, error = _decode_and_fit(latents, flat, decoder, specular, fit)
             states = states.to(CPU)
@@ -102,11 +102,17 @@ def roll_out(
             states = model.rollout(chunk, ntm.frames)
             if specular == "mono":
                 states = _mono(states)
-        if not bool(states.isfinite().all()):
+        if _leads_nowhere(states, chunk):
             raise _unusable(ntm, "makes values that are not finite")
         parts.append(_bounded(clamp_parameters(states), chunk))
         step(stop / len(entries))
     return Histories(torch.cat(parts), max(errors))
+
+
+def _leads_nowhere(histories: Tensor, entries: Tensor) -> bool:
+    """Whether any of `histories` [P, T, D] is not finite though its entry [P, 7] is."""
+    lost = ~histories.isfinite().flatten(1).all(1).to(CPU)
+    return bool((lost & entries.isfinite().all(1)).any())
 
 
 def _unusable(ntm: NeuralTemporalModel, what: str) -> ModelFileError:

@@ -246,9 +246,8 @@ class TestOnset:
 
     @pytest.mark.parametrize("value", [-0.1, 1.5, math.nan])
     def test_an_image_out_of_range_is_refused(self, steel: Path, tmp_path: Path, value: float):
-        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-        image = OpenEXR.File(header, {"Y": np.full((4, 4), value, np.float32)})
-        image.write(str(tmp_path / "onset.exr"))
+        channels = {"Y": np.full((4, 4), value, np.float32)}
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(tmp_path / "onset.exr"))
         with pytest.raises(InputError, match="outside 0 to 1"):
             run(steel, tmp_path / "out", frames=2, onset=str(tmp_path / "onset.exr"))
         assert not (tmp_path / "out").exists()
