@@ -51,7 +51,7 @@ def fit_live(
     target = _look(truth)
 
     def errors(states: Tensor) -> Tensor:
-        """[n, T]: mean square error of what is seen."""
+        """[n, A]: mean square error of what is seen."""
         return (_look(states) - target).square().mean(-1)
 
     def reached(error: Tensor) -> float:
@@ -70,7 +70,7 @@ def fit_live(
 
 
 def _look(states: Tensor) -> Tensor:
-    """[n, T, M 3] of (kd, ks, r) [n, T, 7], at the viewing angles."""
+    """[n, A, M 3] of (kd, ks, r) [n, A, 7], at the viewing angles."""
     alpha = torch.cat((states[..., :6], states[..., 6:].square()), -1)
     return look(viewed(alpha)).flatten(1).unflatten(0, states.shape[:2])
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from ..compose import AgedTexels
+from ..maps import Pixels
 from ..plan import Palette
 from ..temporal.domain import perceptual
 from .evaluate import ROUGHNESS_MIN, Curves
@@ -25,6 +27,7 @@ _ENTRIES = 2048  # from whose histories the shapes are drawn, where all texels a
 _SPREAD = 4096  # texels that tell how far they are from their entries
 _NEIGHBORS = 12  # entries from which a slope is taken
 _STIFFNESS = 0.03  # weight of no slope at all beside theirs
+_PARTS = 4  # of the step to the first modelled age
 _BAND = 1 << 14  # entries projected at a time
 _DARKEST = 0.01  # albedos below it count as it: nobody sees their last digits
 _ALIKE = 1e-8  # variance of a starting value below which no gain can be told from it
@@ -36,7 +39,8 @@ class LowRank:
     """Histories as y(a) = G(a) y(0) + O(a) + sum_k c_k V_k(a) (`Curves`), where a texel's c_k are
     those of its palette's entry and, nearby, follow their slope.
 
-    gain, offset: [T, 7]; shapes: [R, T, 7]
+    ages: [A] from 0 to 1, those that are modelled and some more before the first of them
+    gain, offset: [A, 7]; shapes: [R, A, 7]
     coefficients: [P, R] of the entries, each at most 1 in size; the first of them matter most, and
         any number of them is the best choice of as many
     slopes: [P, 8, R]: a texel's coefficients are its perceptual coordinates and 1, times these; or
@@ -44,6 +48,7 @@ class LowRank:
     worst: [R + 1] the entry that is left farthest by none, one ... all of the coefficients
     """
 
+    ages: Tensor
     gain: Tensor
     offset: Tensor
     shapes: Tensor
@@ -71,7 +76,7 @@ class LowRank:
         return torch.bmm(place[:, None], self.slopes[entry])[:, 0]
 
     def at_ages(self, initial: Tensor, entry: Tensor) -> Tensor:
-        """States [n, T, 7] (kd, ks, r) at all ages of texels `initial` [n, 7] (kd, ks, alpha) of
+        """States [n, A, 7] (kd, ks, r) at all ages of texels `initial` [n, 7] (kd, ks, alpha) of
         the entries `entry` [n].
         """
         states = self.gain * with_roughness(initial)[:, None] + self.offset
@@ -81,14 +86,33 @@ class LowRank:
         return states
 
     def curves(self) -> Curves:
-        return Curves(*(each.numpy() for each in (self.gain, self.offset, self.shapes)))
+        """At evenly spaced ages, which are as near to each other as any two of `ages`."""
+        even = np.linspace(0, 1, round(1 / float(self.ages[1])) + 1)
+
+        def spread(curve: Tensor) -> Pixels:
+            columns = [np.interp(even, self.ages, column) for column in curve.T]
+            return np.stack(columns, -1).astype(np.float32)
+
+        shapes = [spread(shape) for shape in self.shapes]
+        return Curves(
+            spread(self.gain), spread(self.offset), np.reshape(shapes, (-1, len(even), 7))
+        )
 
 
 def at_ages(texels: AgedTexels) -> Tensor:
-    """[n, T, 7] (kd, ks, r) of `texels` at the T modelled ages, whatever their onset."""
+    """[n, A, 7] (kd, ks, r) of `texels` at all ages (`LowRank`), whatever their onset."""
     ageing = replace(texels, onset=None, rate=None)
-    ages = torch.linspace(0, 1, len(texels.gain)).tolist()
+    ages = _ages(len(texels.gain)).tolist()
     return with_roughness(torch.stack([ageing.at(age) for age in ages], 1))
+
+
+def _ages(count: int) -> Tensor:
+    """The `count` modelled ages and, of the step to the first, its parts.
+
+    Much may happen in that step, and what goes straight in alpha bends in r.
+    """
+    ages = torch.linspace(0, 1, count)
+    return torch.cat((torch.linspace(0, float(ages[1]), _PARTS + 1)[:-1], ages[1:]))
 
 
 def with_roughness(states: Tensor) -> Tensor:
@@ -97,7 +121,7 @@ def with_roughness(states: Tensor) -> Tensor:
 
 
 def _histories(aged: AgedTexels, entries: Tensor) -> Tensor:
-    """[n, T, 7] of texels that are the palette's `entries` [n]."""
+    """[n, A, 7] of texels that are the palette's `entries` [n]."""
     own = Palette(aged.palette.entries[entries], torch.arange(len(entries)))
     histories = replace(aged.histories, states=aged.histories.states[entries])
     return at_ages(AgedTexels(own.entries, own, histories, aged.gain, None)).double()
@@ -115,7 +139,8 @@ def fit_low_rank(aged: AgedTexels) -> LowRank:
     weight /= weight.sum()
     histories = _histories(aged, chosen)
     seen = weight[:, None, None] * _sensitivity(histories).square()
-    gain, offset = _affine(histories, seen, aged.gain.double(), _spread(aged))
+    ages = _ages(len(aged.gain))
+    gain, offset = _affine(histories, seen, _between(aged.gain.double(), ages), _spread(aged))
     left = _left(histories, gain, offset)
 
     scale = seen.sum(0).flatten().sqrt()
@@ -137,7 +162,7 @@ def fit_low_rank(aged: AgedTexels) -> LowRank:
     coefficients = (coefficients / largest).float()
     slopes = None if len(entries) > _ENTRIES else _slopes(entries, coefficients)
     parts = (part.float() for part in (gain, offset, shapes))
-    return LowRank(*parts, coefficients, slopes, worst)
+    return LowRank(ages, *parts, coefficients, slopes, worst)
 
 
 def _slopes(entries: Tensor, coefficients: Tensor) -> Tensor:
@@ -154,6 +179,13 @@ def _slopes(entries: Tensor, coefficients: Tensor) -> Tensor:
     slope = torch.linalg.solve(normal, weighted @ (coefficients[neighbor] - coefficients[:, None]))
     level = coefficients[:, None] - place[:, None] @ slope
     return torch.cat((slope, level), 1)
+
+
+def _between(curve: Tensor, ages: Tensor) -> Tensor:
+    """The values [A, 7] of a curve [T, 7] over evenly spaced ages, at `ages` [A]."""
+    place = ages * (len(curve) - 1)
+    lower = place.long().clamp_max(len(curve) - 2)
+    return torch.lerp(curve[lower], curve[lower + 1], (place - lower)[:, None].double())
 
 
 def _at_random(count: int, wanted: int) -> Tensor:
@@ -177,9 +209,9 @@ def _spread(aged: AgedTexels) -> Tensor:
 def _affine(
     histories: Tensor, weight: Tensor, usual: Tensor, spread: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Gain and offset [T, 7] of `histories` [P, T, 7] by least squares, `weight` [P, T, 7].
+    """Gain and offset [A, 7] of `histories` [P, A, 7] by least squares, `weight` [P, A, 7].
 
-    What texels differ by within their entry, `spread` [7], fades as `usual` [T, 7] says.
+    What texels differ by within their entry, `spread` [7], fades as `usual` [A, 7] says.
     """
     start = histories[:, :1]
     total = weight.sum(0)
@@ -196,5 +228,5 @@ def _affine(
 
 
 def _left(histories: Tensor, gain: Tensor, offset: Tensor) -> Tensor:
-    """[P, T 7]: what the affine part leaves of `histories` [P, T, 7]."""
+    """[P, A 7]: what the affine part leaves of `histories` [P, A, 7]."""
     return (histories - gain * histories[:, :1] - offset).flatten(1)
