@@ -217,7 +217,10 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     if live_wanted:
         with run.timed("fit"):
             run.progress("finding what texels share", 0.4)
-            live = fit_live(modelled, request.tolerance, each_for_itself)
+            authored = None
+            if wanted == "principled" and isinstance(material, PrincipledMaps):
+                authored = _authored(material, size, covered)
+            live = fit_live(modelled, request.tolerance, each_for_itself, authored)
         if live is None:
             if request.binding == "live":
                 run.warn(_NOT_LIVE)
@@ -227,8 +230,7 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         run.progress("writing", 0.4)
         aged = modelled if covered is None else texels.beside(modelled, covered)
         if live is not None:
-            compression = "rle" if effort.compression == "none" else effort.compression
-            format, files = write_live(live.sum, aged, size, wanted, staged, compression)
+            format, files = write_live(live.sum, aged, size, wanted, staged)
         else:
             maps = maps_of(aged, material, size, wanted, times, covered=covered)
             format, files = maps.format, _write(run, Frames(maps, times, effort.interval), staged)
@@ -350,6 +352,16 @@ class _Texels:
         return dataclasses.replace(
             aged, initial=self.initial, palette=palette, onset=self.onset, rate=self.rate
         )
+
+
+def _authored(
+    maps: PrincipledMaps, size: tuple[int, int], covered: NDArray[np.bool_] | None
+) -> PrincipledMaps:
+    """The sockets of every texel of an image of `size`, or as a column of those that are
+    `covered`.
+    """
+    whole = maps.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
+    return whole if covered is None else whole.map(lambda pixels: pixels[covered][:, None])
 
 
 def _flat(pixels: np.ndarray | None) -> Tensor | None:

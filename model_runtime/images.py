@@ -56,16 +56,12 @@ _LINES = {
 _EXR_TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
-Compression = Literal["none", "rle", "zip"]
+Compression = Literal["none", "zip"]
 Depth = Literal["half", "single"]
 # Measured with the four maps of 12 aged materials, 1024 x 1024, on one busy core: ZIP is written in
 # 113 ms, read in 32 and takes 6.4 MB; PIZ 147, 45 and 6.5 MB; RLE 42, 29 and 9.0 MB; none 17, 11
 # and 12.6 MB. Newer ways (ZSTD, HTJ2K) cannot be read by Blender 4.2.
-_COMPRESSIONS = {
-    "none": OpenEXR.NO_COMPRESSION,
-    "rle": OpenEXR.RLE_COMPRESSION,
-    "zip": OpenEXR.ZIP_COMPRESSION,
-}
+_COMPRESSIONS = {"none": OpenEXR.NO_COMPRESSION, "zip": OpenEXR.ZIP_COMPRESSION}
 
 
 def read_image(path: str | Path, *, color: bool) -> Pixels:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ..brdf.principled import EXACT_F0
 from ..compose import AgedTexels
-from ..images import Compression, read_image
+from ..images import read_image
 from ..maps import Halves
 from ..result import REPORT, StagedResult
 from ..writing import Format
@@ -31,6 +31,7 @@ TIMING = "timing.exr"
 
 _BAND = 1 << 15  # texels worked on at a time: what they need stays in the cache
 _HISTORIES = 1 << 12  # likewise, with all ages
+_FINEST = 4096.0  # steps of a coefficient, which is at most about 1: digits beyond only cost space
 _NEAR = 0.25  # of reflectance: texels differ by less from their entry
 
 
@@ -49,7 +50,6 @@ def write_live(
     size: tuple[int, int],
     format: Format,
     staged: StagedResult,
-    compression: Compression,
 ) -> tuple[Format, dict[str, Any]]:
     """Write what a shader needs to show `aged`, an image of `size`, as the sum `found`; returns
     the format it is to show it in and `files` of `aged.json`.
@@ -62,16 +62,17 @@ def write_live(
     if aged.onset is not None:
         files["timing"] = TIMING
         rate = torch.ones(()) if aged.rate is None else aged.rate
-        staged.write(TIMING, _image((aged.onset, rate), size), compression=compression)
+        staged.write(TIMING, _image((aged.onset, rate), size), compression="zip")
     coefficients = torch.empty(len(found.shapes), len(aged.initial), dtype=torch.half)
     for start in range(0, len(aged.initial), _BAND):
         band = slice(start, start + _BAND)
-        coefficients[:, band] = found.of(aged.initial[band], aged.palette.index[band]).T
+        found_here = found.of(aged.initial[band], aged.palette.index[band])
+        coefficients[:, band] = (found_here * _FINEST).round().div(_FINEST).T
     files["coefficients"] = []
     for first in range(0, len(coefficients), COEFFICIENTS_A_FILE):
         files["coefficients"].append(_coefficients(first // COEFFICIENTS_A_FILE))
         some = _image(coefficients[first : first + COEFFICIENTS_A_FILE], size)
-        staged.write(files["coefficients"][-1], some, compression=compression)
+        staged.write(files["coefficients"][-1], some, compression="zip")
     if format == "principled-exact" and not _representable(found, aged):
         format = "torrance-sparrow"
     return format, files

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from ..brdf import principled
 from ..compose import AgedTexels
+from ..maps import PrincipledMaps, TorranceSparrowMaps
 from ..plan import look, viewed
 from .low_rank import LowRank, at_ages, fit_low_rank
 
 __all__ = ("Fitted", "fit_live")
 
 _CHECKED = 256  # texels at random
-_WORST = 22.0  # dB by which the worst texel may miss what texels at random reach
+_WORST = 24.0  # dB by which the worst texel may miss what texels at random reach
 
 
 @dataclass(frozen=True)
@@ -34,45 +37,67 @@ class Fitted:
 
 
 def fit_live(
-    aged: AgedTexels, tolerance: float, truth_of: Callable[[Tensor], AgedTexels]
+    aged: AgedTexels,
+    tolerance: float,
+    truth_of: Callable[[Tensor], AgedTexels],
+    authored: PrincipledMaps | None = None,
 ) -> Fitted | None:
     """The sum of fewest coefficients that reaches `tolerance` dB, or what `aged` itself does where
     that is less, at every age; None where the most do not.
 
     It is held against texels that `truth_of` models each for itself: some at random, and those that
-    it leaves farthest.
+    it leaves farthest. Where they are to be read back as they were `authored` [H, W], they are
+    looked at as that shows them.
     """
     whole = fit_low_rank(aged)
-    count = len(aged.initial)
-    rows = torch.randint(count, (min(_CHECKED, count),), generator=torch.Generator().manual_seed(0))
-    start = torch.cat((aged.initial[rows], aged.palette.entries[whole.worst]))
-    entry = torch.cat((aged.palette.index[rows], whole.worst))
-    truth = at_ages(truth_of(start))
-    target = _look(truth)
+    index, count = aged.palette.index, len(aged.initial)
+    random = torch.randint(
+        count, (min(_CHECKED, count),), generator=torch.Generator().manual_seed(0)
+    )
+    farthest = [(index == entry).nonzero()[0] for entry in whole.worst.unique()]
+    rows = torch.cat((random, *farthest))
+    some = aged.select(rows)
+    sockets = None if authored is None else _texels(authored, rows)
+    truth = at_ages(truth_of(some.initial))
+    target = _look(truth, sockets)
 
     def errors(states: Tensor) -> Tensor:
         """[n, A]: mean square error of what is seen."""
-        return (_look(states) - target).square().mean(-1)
+        return (_look(states, sockets) - target).square().mean(-1)
 
     def reached(error: Tensor) -> float:
         """dB at the worst age, of texels at random."""
-        return float(-10 * error[: len(rows)].mean(0).max().clamp_min(1e-10).log10())
+        return float(-10 * error[: len(random)].mean(0).max().clamp_min(1e-10).log10())
 
-    palette = replace(aged.palette, index=entry)
-    asked = min(tolerance, reached(errors(at_ages(replace(aged, initial=start, palette=palette)))))
+    asked = min(tolerance, reached(errors(at_ages(some))))
     for coefficients in range(len(whole.shapes) + 1):
         found = whole.first(coefficients)
-        states = found.at_ages(start, entry)
+        states = found.at_ages(some.initial, some.palette.index)
         error = errors(states)
         if reached(error) >= asked and error.max() <= 10 ** ((_WORST - asked) / 10):
-            return Fitted(found, _error_db(truth[: len(rows)], states[: len(rows)]))
+            return Fitted(found, _error_db(truth[: len(random)], states[: len(random)]))
     return None
 
 
-def _look(states: Tensor) -> Tensor:
-    """[n, A, M 3] of (kd, ks, r) [n, A, 7], at the viewing angles."""
-    alpha = torch.cat((states[..., :6], states[..., 6:].square()), -1)
-    return look(viewed(alpha)).flatten(1).unflatten(0, states.shape[:2])
+def _texels(maps: PrincipledMaps, rows: Tensor) -> PrincipledMaps:
+    """Only the texels `rows`, one a row."""
+    places = np.divmod(rows.numpy(), maps.size[1])
+    return maps.map(lambda pixels: pixels[places][:, None])
+
+
+def _look(states: Tensor, sockets: PrincipledMaps | None) -> Tensor:
+    """[n, A, M 3] of (kd, ks, r) [n, A, 7], at the viewing angles: as they are, or as texels with
+    these `sockets` [n, 1] can show them.
+    """
+    size = states.shape[0], states.shape[1]
+    kd, ks, alpha = states[..., :3], states[..., 3:6], states[..., 6].square()
+    if sockets is not None:
+        maps = TorranceSparrowMaps(kd.numpy(), ks.numpy(), alpha.numpy())
+        given = sockets.map(lambda pixels: np.broadcast_to(pixels, (*size, *pixels.shape[2:])))
+        shown = principled.forward(principled.read_back(maps, given))
+        kd, ks, alpha = map(torch.from_numpy, (shown.kd, shown.ks, shown.alpha))
+    parameters = torch.cat((kd, ks, alpha[..., None]), -1)
+    return look(viewed(parameters)).flatten(1).unflatten(0, size)
 
 
 def _error_db(truth: Tensor, states: Tensor) -> dict[str, float]:
