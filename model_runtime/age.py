@@ -215,13 +215,11 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
 
     live: Fitted | None = None
     if live_wanted:
-        authored = None
-        if wanted == "principled" and isinstance(material, PrincipledMaps):
-            authored = material.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
-            if covered is not None:
-                authored = authored.map(lambda pixels: pixels[covered][:, None])
         with run.timed("fit"):
             run.progress("finding what texels share", 0.4)
+            authored = None
+            if wanted == "principled" and isinstance(material, PrincipledMaps):
+                authored = _authored(material, size, covered)
             live = fit_live(modelled, request.tolerance, each_for_itself, authored)
         if live is None:
             if request.binding == "live":
@@ -354,6 +352,16 @@ class _Texels:
         return dataclasses.replace(
             aged, initial=self.initial, palette=palette, onset=self.onset, rate=self.rate
         )
+
+
+def _authored(
+    maps: PrincipledMaps, size: tuple[int, int], covered: NDArray[np.bool_] | None
+) -> PrincipledMaps:
+    """The sockets of every texel of an image of `size`, or as a column of those that are
+    `covered`.
+    """
+    whole = maps.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
+    return whole if covered is None else whole.map(lambda pixels: pixels[covered][:, None])
 
 
 def _flat(pixels: np.ndarray | None) -> Tensor | None:
