@@ -117,3 +117,19 @@ def test_time_is_said_no_finer_than_a_guess(seconds: float, said: str):
 )
 def test_disk_use_is_rounded(count: float, said: str):
     assert in_bytes(count) == said
+
+
+def test_a_live_result_costs_the_same_however_many_frames_it_shows():
+    rates = Rates()
+    few, many = (
+        rates.of(Work(BALANCED.texels, frames, "balanced", "affine", live=True))
+        for frames in (9, 900)
+    )
+    assert few == many
+    assert few.bytes < rates.of(BALANCED).bytes / 10
+    aged = {"size": [1024, 1024], "frames": 36, "quality": "balanced", "temporal_model": "affine"}
+    aged |= {"binding": "live", "seconds": dict.fromkeys(("read", "onset", "model", "fit"), 0.1)}
+    aged["seconds"]["write"] = 0.4
+    learned = rates.after(aged, stored=6 << 20)
+    assert learned.write["balanced"] == rates.write["balanced"]
+    assert learned.of(Work(BALANCED.texels, 36, "balanced", "affine", live=True)).bytes < few.bytes

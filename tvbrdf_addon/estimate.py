@@ -4,7 +4,8 @@
               + write * frames * texels
     bytes = stored * frames * texels
 
-`write` and `stored` are one number for each quality, and `model` one for each quality and kind of
+`write` and `stored` are one number for each quality, and another for live results, which store one
+frame, as it were; and `model` one for each quality and kind of
 temporal model (through latents or not).
 """
 
@@ -33,12 +34,25 @@ _TELLING = 1_000_000
 
 @dataclass(frozen=True)
 class Work:
-    """What is asked for: `texels` a frame, `frames` frames, and how they are modelled."""
+    """What is asked for: `texels` a frame, `frames` frames, how they are modelled, and whether the
+    shader is to make them (`live`).
+    """
 
     texels: int
     frames: int
     quality: str
     temporal_model: str
+    live: bool = False
+
+    @property
+    def written(self) -> int:
+        """Texels that go to the disk."""
+        return self.texels * (1 if self.live else self.frames)
+
+    @property
+    def writing(self) -> str:
+        """The name of its writing rates."""
+        return "live" if self.live else self.quality
 
     @property
     def kind(self) -> str:
@@ -62,8 +76,8 @@ class Estimate:
 
 # Measured (`python -m training evaluate pareto`) on two idle cores of 2020.
 _FIRST: dict[str, dict[str, float]] = {
-    "write": {"draft": 6e-8, "balanced": 1.7e-7, "exact": 1.7e-7},
-    "stored": {"draft": 12.0, "balanced": 6.0, "exact": 6.0},
+    "write": {"draft": 6e-8, "balanced": 1.7e-7, "exact": 1.7e-7, "live": 5e-7},
+    "stored": {"draft": 12.0, "balanced": 6.0, "exact": 6.0, "live": 12.0},
     "model": {
         "draft parameters": 0.15,
         "draft latents": 0.15,
@@ -106,18 +120,18 @@ class Rates:
 
     def of(self, work: Work) -> Estimate:
         """What `work` will probably take."""
-        written = work.texels * work.frames
         modelling = self.model[work.kind] * work.modelled
         return Estimate(
-            seconds=self.overhead + modelling + self.write[work.quality] * written,
-            bytes=self.stored[work.quality] * written,
+            seconds=self.overhead + modelling + self.write[work.writing] * work.written,
+            bytes=self.stored[work.writing] * work.written,
         )
 
     def after(self, aged: Mapping[str, Any], stored: int) -> Rates:
         """The rates after a run with the report `aged` (`aged.json`) that left `stored` bytes."""
         height, width = aged["size"]
-        work = Work(height * width, aged["frames"], aged["quality"], aged["temporal_model"])
-        seconds, written = aged["seconds"], work.texels * work.frames
+        live = aged.get("binding") == "live"
+        work = Work(height * width, aged["frames"], aged["quality"], aged["temporal_model"], live)
+        seconds = aged["seconds"]
         if not {"read", "onset", "model", "write"} <= seconds.keys():
             return self
         model = _blend(self.model[work.kind], seconds["model"] / work.modelled)
@@ -126,14 +140,15 @@ class Rates:
             overhead=_blend(self.overhead, seconds["read"] + seconds["onset"]),
             model={**self.model, work.kind: model},
         )
-        if written < _TELLING:
+        if work.written < _TELLING:
             return known
-        write = _blend(self.write[work.quality], seconds["write"] / written)
-        each = _blend(self.stored[work.quality], stored / written)
+        spent = seconds["write"] + seconds.get("fit", 0.0)
+        write = _blend(self.write[work.writing], spent / work.written)
+        each = _blend(self.stored[work.writing], stored / work.written)
         return replace(
             known,
-            write={**self.write, work.quality: write},
-            stored={**self.stored, work.quality: each},
+            write={**self.write, work.writing: write},
+            stored={**self.stored, work.writing: each},
         )
 
 

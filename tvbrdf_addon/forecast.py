@@ -81,7 +81,13 @@ def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast |
         size, why = _size(settings, look)
     else:
         return None
-    work = Work(size[0] * size[1], settings.steps, settings.quality, _temporal_model(settings))
+    work = Work(
+        texels=size[0] * size[1],
+        frames=settings.steps,
+        quality=settings.quality,
+        temporal_model=_temporal_model(settings),
+        live=settings.binding == "live",
+    )
     rates = _kept_rates()
     return Forecast(size, why, rates.of(work), rates.of(replace(work, quality="balanced")))
 

@@ -47,7 +47,7 @@ def test_size_time_and_disk(paint):
     expected = looked(paint)
     assert expected.size == (256, 512)
     assert expected.why == "512 px is all the cameras see on this frame, of 1024 in the images."
-    assert expected.estimate == Rates().of(Work(256 * 512, 10, "balanced", "affine"))
+    assert expected.estimate == Rates().of(Work(256 * 512, 10, "balanced", "affine", live=True))
 
 
 def test_images_keep_their_size(paint):

@@ -23,6 +23,7 @@ from tests.blender.material_cases import (
     snapshot,
     view_from_above,
 )
+from tests.blender.surface_cases import in_nested_groups
 from tests.blender.test_bind import bind
 from tests.blender.test_revert import awkward, settled
 from tvbrdf.tvbrdf_addon.material.animation import channels
@@ -76,7 +77,7 @@ def test_few_nodes_join_the_artists_and_one_driver_moves_them(tmp_path):
 
 
 @pytest.mark.parametrize("kind", FORMATS)
-@pytest.mark.parametrize("build", [procedural, awkward])
+@pytest.mark.parametrize("build", [procedural, awkward, in_nested_groups])
 def test_revert_leaves_nothing(tmp_path, kind, build):
     material = new_material()
     build(material)

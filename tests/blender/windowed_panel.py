@@ -149,14 +149,14 @@ def ages_and_undoes() -> Steps:
 
 def shows_a_preview() -> Steps:
     settings = material().tvbrdf
-    settings.size, settings.steps = 896, 40
+    settings.size, settings.quality = 896, "exact"
     yield DRAWN
     yield from start()
     assert settings.is_preview and is_aged()
     shoot("preview")
     yield from until(ended)
     assert is_aged() and not settings.is_preview
-    settings.size, settings.steps = 64, 12
+    settings.size, settings.quality = 64, "balanced"
     yield from press(1)
     assert not is_aged(), "Revert"
 
