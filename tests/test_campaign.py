@@ -66,6 +66,7 @@ def faults(evidence: Evidence) -> set[Fault]:
         replace(GOOD, before=tree(), earlier=None),
         replace(REFUSED, before=tree(), after=tree(), earlier=None, result=None),
         replace(KILLED, after=tree(NEW), result=Result(NEW)),
+        replace(REFUSED, after=tree(NEW), result=Result(NEW), untold=True),
         replace(KILLED, after=tree(OLD, **{".out.partial-1": "folder", ".out.partial-1/x": "y"})),
         replace(
             GOOD, before=tree(OLD | {"notes.txt": "kept"}), after=tree(NEW | {"notes.txt": "kept"})
