@@ -23,7 +23,8 @@ __all__ = ("attempt_map", "attempt_onset", "picture")
 _MODES = ("1", "L", "LA", "P", "RGB", "RGBA", "CMYK", "YCbCr", "LAB", "I", "I;16", "F")
 _SPECIALS = (float("nan"), float("inf"), -float("inf"), -1.0, 1e30, 3e38, 65504.0, 1e-45, 100.0)
 _SIDES = (1, 2, 7, 8, 16, 33)
-_HUGE = (0, 1, 16384, 16385, 65535, 100_000, 2**31 - 1, 2**32 - 1)
+# A picture of 16,384 pixels a side may be read, and takes its memory.
+_HUGE = (0, 1, 16385, 65535, 100_000, 2**31 - 1, 2**32 - 1)
 
 
 def attempt_map(trial: Trial) -> list[Evidence]:

@@ -156,5 +156,8 @@ def _odd_streams(trial: Trial) -> Evidence:
                 evidence = trial.command(*words, stdout=writing, writes=writes)
             finally:
                 os.close(writing)
+            if not any(evidence.answer.words):
+                # Where nobody reads, to end without a word is the custom.
+                evidence = replace(evidence, answer=replace(evidence.answer, ended="stopped"))
     # That a result cannot be told of is found when it is there.
     return replace(evidence, untold=True)
