@@ -49,6 +49,8 @@ def test_without_json_a_sentence(tmp_path: Path):
     assert done.returncode == 0
     assert "3 frames of 16 x 16" in done.stdout
     assert str(out) in done.stdout
+    words = ("--input", tmp_path, "--ntm", "rust", "--output", out, "--binding", "live")
+    assert "A live material of 16 x 16" in command("age", *words).stdout
 
 
 def test_a_failure_is_one_sentence_and_exit_code_1(tmp_path: Path):

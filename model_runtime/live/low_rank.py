@@ -86,7 +86,7 @@ class LowRank:
         return states
 
     def curves(self) -> Curves:
-        """At evenly spaced ages, which are as near to each other as any two of `ages`."""
+        """At evenly spaced ages, as near to each other as the nearest of `ages`."""
         even = np.linspace(0, 1, round(1 / float(self.ages[1])) + 1)
 
         def spread(curve: Tensor) -> Pixels:
@@ -134,7 +134,8 @@ def fit_low_rank(aged: AgedTexels) -> LowRank:
     entries, index = aged.palette.entries, aged.palette.index
     chosen = torch.arange(len(entries))
     if len(entries) > _ENTRIES:
-        chosen = _at_random(len(entries), _ENTRIES)
+        chance = torch.Generator().manual_seed(0)
+        chosen = torch.randperm(len(entries), generator=chance)[:_ENTRIES]
     weight = torch.bincount(index, minlength=len(entries))[chosen].double()
     weight /= weight.sum()
     histories = _histories(aged, chosen)
@@ -185,10 +186,6 @@ def _between(curve: Tensor, ages: Tensor) -> Tensor:
     place = ages * (len(curve) - 1)
     lower = place.long().clamp_max(len(curve) - 2)
     return torch.lerp(curve[lower], curve[lower + 1], (place - lower)[:, None].double())
-
-
-def _at_random(count: int, wanted: int) -> Tensor:
-    return torch.randperm(count, generator=torch.Generator().manual_seed(0))[:wanted]
 
 
 def _sensitivity(states: Tensor) -> Tensor:
