@@ -8,7 +8,6 @@ import dataclasses
 import shlex
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -17,26 +16,21 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from . import __version__
-from .brdf import principled
 from .brdf.measured import MeasuredBRDF
 from .compose import AgedTexels
-from .coverage import nearest_covered
-from .errors import Cancelled, InputError, shown
+from .errors import Cancelled, InputError
 from .fit import USUAL
-from .histories import CPU, fit_measured
-from .images import read_image, resize
-from .inputs import Material, hash_file, hash_input, input_files, read_covered, read_input
+from .histories import CPU
+from .inputs import hash_file, hash_input, input_files, read_covered, read_input
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .live.low_rank import MOST_COEFFICIENTS
-from .maps import PrincipledMaps, TorranceSparrowMaps
+from .maps import PrincipledMaps
 from .memory import memory_in_words
 from .modelling import EFFORTS, Effort, model_texels
-from .onset import onset_map, rate_map
 from .package import ENCODER, ESTIMATOR, find_model
 from .representation import load_representation
 from .representation.estimator import load_estimator
@@ -44,12 +38,12 @@ from .result import StagedResult, check_space
 from .savings import savings
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
+from .texels import Texels, authored_texels, initial_states, timing_maps
 from .writing import Format, Frames, file_names, maps_of, write_frames, write_stored_frames
 
-__all__ = ("AgeRequest", "Reporter", "age", "initial_states", "timing_maps")
+__all__ = ("AgeRequest", "Reporter", "age")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
-_UNIFORM_SIZE = 512
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
 _BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (
@@ -184,7 +178,7 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         check_space(request.output, pixels * needed, len(names))
 
     check_room(live=live_wanted)
-    texels = _Texels(initial, _flat(onset), _flat(rate))
+    texels = Texels.of(initial, onset, rate)
     counted = texels if covered is None else texels.where(covered)
     rung = _rung(run, ntm, counted.initial)
     model = partial(
@@ -219,7 +213,7 @@ def _age(run: _Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
             run.progress("finding what texels share", 0.4)
             authored = None
             if wanted == "principled" and isinstance(material, PrincipledMaps):
-                authored = _authored(material, size, covered)
+                authored = authored_texels(material, size, covered)
             live = fit_live(modelled, request.tolerance, each_for_itself, authored)
         if live is None:
             if request.binding == "live":
@@ -310,94 +304,6 @@ def _version(file: Path) -> tuple[int, ...] | None:
     except OSError:
         return None
     return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
-
-
-def initial_states(
-    material: Material, request: AgeRequest
-) -> tuple[Tensor, tuple[int, int], float]:
-    """Parameters [n, 7] of every texel at t = 0, the size in texels, and the error of the fit."""
-    if isinstance(material, MeasuredBRDF):
-        parameters, error = fit_measured(material, request.specular)
-        return parameters, (1, 1), error
-    maps = principled.forward(material) if isinstance(material, PrincipledMaps) else material
-    ks = maps.ks
-    if request.specular == "mono" and isinstance(material, TorranceSparrowMaps):
-        ks = np.repeat(ks.mean(-1, keepdims=True), 3, -1)
-    flat = np.concatenate((maps.kd, ks, maps.alpha[..., None]), -1, dtype=np.float32)
-    return torch.from_numpy(flat.reshape(-1, 7)), maps.size, 0.0
-
-
-@dataclass(frozen=True)
-class _Texels:
-    """Initial states [n, 7], and when [n] and how fast [n] they age, row by row of the image."""
-
-    initial: Tensor
-    onset: Tensor | None
-    rate: Tensor | None
-
-    def where(self, covered: NDArray[np.bool_]) -> _Texels:
-        """Those that are `covered` [H, W]."""
-        rows = torch.from_numpy(np.flatnonzero(covered))
-        return _Texels(
-            self.initial[rows],
-            None if self.onset is None else self.onset[rows],
-            None if self.rate is None else self.rate[rows],
-        )
-
-    def beside(self, aged: AgedTexels, covered: NDArray[np.bool_]) -> AgedTexels:
-        """All, of which `aged` are the covered ones: the others follow the nearest of these."""
-        place = np.cumsum(covered) - 1
-        rows = torch.from_numpy(place[nearest_covered(covered).reshape(-1)])
-        palette = dataclasses.replace(aged.palette, index=aged.palette.index[rows])
-        return dataclasses.replace(
-            aged, initial=self.initial, palette=palette, onset=self.onset, rate=self.rate
-        )
-
-
-def _authored(
-    maps: PrincipledMaps, size: tuple[int, int], covered: NDArray[np.bool_] | None
-) -> PrincipledMaps:
-    """The sockets of every texel of an image of `size`, or as a column of those that are
-    `covered`.
-    """
-    whole = maps.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
-    return whole if covered is None else whole.map(lambda pixels: pixels[covered][:, None])
-
-
-def _flat(pixels: np.ndarray | None) -> Tensor | None:
-    return None if pixels is None else torch.from_numpy(pixels.reshape(-1))
-
-
-def timing_maps(
-    request: AgeRequest, ntm: NeuralTemporalModel, size: tuple[int, int]
-) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """When each texel's history starts, 0 to 1, and how fast it runs: [H, W] each.
-
-    An image says only when: its rate is None, which stands for 1. Without any (both None) all
-    texels change alike, as those of the source did on average; so they do in a pattern after a
-    source that changed everywhere at once.
-    """
-    timing, process, seed = ntm.timing, ntm.card.process, request.seed
-    at_once = timing is not None and timing.at_once
-    if request.onset == "none" or (request.onset == "auto" and at_once):
-        return None, None
-    if request.onset == "auto":
-        side = request.size or _UNIFORM_SIZE
-        shape = (side, side) if size == (1, 1) else size
-        with ThreadPoolExecutor(1) as beside:
-            rate = beside.submit(rate_map, process, shape, seed=seed, timing=timing)
-            return onset_map(process, shape, seed=seed, timing=timing), rate.result()
-    onset = read_image(Path(request.onset), color=False)
-    if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):
-        raise InputError(
-            f"The onset image {shown(request.onset)} has values outside 0 to 1.",
-            "Paint 0 where the change starts at once and 1 where it never starts.",
-        )
-    if size == (1, 1):
-        scale = (request.size or max(onset.shape)) / max(onset.shape)
-        height, width = (max(1, round(length * scale)) for length in onset.shape)
-        size = (height, width)
-    return resize(onset, size), None
 
 
 def _rung(run: _Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:

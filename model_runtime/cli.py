@@ -120,7 +120,8 @@ def _age(arguments: argparse.Namespace, ending: EndingSignals) -> None:
         return
     seconds = sum(aged["seconds"].values())
     height, width = aged["size"]
-    done = f"{aged['frames']} frames of {width} x {height} in {seconds:.1f} s: {arguments.output}"
+    what = "A live material" if aged["binding"] == "live" else f"{aged['frames']} frames"
+    done = f"{what} of {width} x {height} in {seconds:.1f} s: {arguments.output}"
     write_out("\n".join((*aged["plan"], done)), stdout)
 
 

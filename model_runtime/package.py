@@ -229,4 +229,11 @@ def save_model(
     content = save(contiguous, metadata={"card": json.dumps(card)})
     with replaced(path, parents=True) as beside:
         beside.write_bytes(content)
-        check(beside)
+        try:
+            check(beside)
+        except ModelFileError as error:
+            found = error.message.replace(shown(beside.name), "it")
+            raise ModelFileError(
+                f"{shown(path.name)} was not written: {found}",
+                "Look for absurd values in what it was learned from.",
+            ) from error

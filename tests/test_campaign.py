@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model_runtime.images import write_exr
 from model_runtime.package import save_model
 
 if not Path("/proc/self/clear_refs").exists():
@@ -22,6 +21,7 @@ from tests.campaign.damage import damaged_json
 from tests.campaign.evidence import Answer, Evidence, Result, read_result, tree_of
 from tests.campaign.judge import Fault, Normal, judge
 from tests.campaign.programs import Child, Gone, command
+from tests.campaign.samples import exr
 from tests.campaign.tally import Tally, Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,6 +66,7 @@ def faults(evidence: Evidence) -> set[Fault]:
         replace(GOOD, before=tree(), earlier=None),
         replace(REFUSED, before=tree(), after=tree(), earlier=None, result=None),
         replace(KILLED, after=tree(NEW), result=Result(NEW)),
+        replace(REFUSED, after=tree(NEW), result=Result(NEW), untold=True),
         replace(KILLED, after=tree(OLD, **{".out.partial-1": "folder", ".out.partial-1/x": "y"})),
         replace(
             GOOD, before=tree(OLD | {"notes.txt": "kept"}), after=tree(NEW | {"notes.txt": "kept"})
@@ -180,16 +181,15 @@ def test_staged_files_of_a_kill_have_to_go_with_the_next_run():
 
 
 def result_in(folder: Path, pixels: np.ndarray) -> Path:
-    write_exr(folder / "kd_0001.exr", np.zeros((2, 2, 3), np.float32))
+    exr(folder / "kd_0001.exr", Y=np.zeros((2, 2)))
     report = {"frames": 2, "files": {"kd": ["kd_0001.exr", "kd_0002.exr"]}}
     (folder / "aged.json").write_text(json.dumps(report))
-    # Ours clamps what is infinite; a fault would be written by other means.
-    write_exr(folder / "kd_0002.exr", pixels)
+    exr(folder / "kd_0002.exr", Y=pixels)
     return folder
 
 
 def test_a_result_is_read_from_its_files(tmp_path: Path):
-    whole = read_result(result_in(tmp_path, np.zeros((2, 2, 3), np.float32)))
+    whole = read_result(result_in(tmp_path, np.zeros((2, 2))))
     assert whole is not None
     assert sorted(whole.files) == ["aged.json", "kd_0001.exr", "kd_0002.exr"]
     assert (whole.broken, whole.absurd) == ((), ())
@@ -197,7 +197,7 @@ def test_a_result_is_read_from_its_files(tmp_path: Path):
 
 
 def test_nan_and_missing_or_cut_files_in_a_result_are_found(tmp_path: Path):
-    absurd = read_result(result_in(tmp_path, np.full((2, 2, 3), np.nan, np.float32)))
+    absurd = read_result(result_in(tmp_path, np.full((2, 2), np.nan)))
     assert absurd is not None
     assert absurd.absurd == ("kd_0002.exr",)
     os.truncate(tmp_path / "kd_0002.exr", 100)

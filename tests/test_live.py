@@ -216,6 +216,11 @@ class TestFit:
         for k in range(true.shape[1]):
             assert appearance_psnr(true[:, k].square(), shown[:, k].square()) > 23
 
+    def test_what_is_no_number_is_refused(self):
+        aged = texels_of(fade)
+        aged.histories.states[7, 3, 2] = torch.nan
+        assert fit_live(aged, 45.0, partial(each_for_itself, aged, change=fade)) is None
+
     def test_what_no_few_shapes_make_up_is_refused(self):
         g = torch.Generator().manual_seed(0)
         table = torch.rand(2048, 8, 7, generator=g)

@@ -180,7 +180,7 @@ def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
     principled, space = readable
     try:
         users = showing(material, scene)
-        tiles = tiles_of(principled, space, material, users, scene.frame_current)
+        tiles = tiles_of(principled, space, material, users, depsgraph)
     except MaterialError:
         return None
     seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)

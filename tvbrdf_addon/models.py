@@ -26,7 +26,7 @@ class Models(NamedTuple):
 
 # Blender keeps pointers to the strings of a dynamic enum without owning them, so they live here.
 _models: Models | None = None
-_stamp: tuple[tuple[Path, float], ...] = ()
+_stamp: tuple[tuple[Path, float | None], ...] = ()
 
 
 def models_in(folders: Sequence[Path]) -> Models:

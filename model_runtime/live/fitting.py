@@ -43,12 +43,14 @@ def fit_live(
     authored: PrincipledMaps | None = None,
 ) -> Fitted | None:
     """The sum of fewest coefficients that reaches `tolerance` dB, or what `aged` itself does where
-    that is less, at every age; None where the most do not.
+    that is less, at every age; None where the most do not, or where `aged` holds NaN.
 
     It is held against texels that `truth_of` models each for itself: some at random, and those that
     it leaves farthest. Where they are to be read back as they were `authored` [H, W], they are
     looked at as that shows them.
     """
+    if not aged.histories.states.isfinite().all():
+        return None
     whole = fit_low_rank(aged)
     index, count = aged.palette.index, len(aged.initial)
     random = torch.randint(

@@ -161,8 +161,7 @@ def fit_low_rank(aged: AgedTexels) -> LowRank:
     shapes[:, 0] = 0
     coefficients = (coefficients / largest).float()
     slopes = None if len(entries) > _ENTRIES else _slopes(entries, coefficients)
-    parts = (part.float() for part in (gain, offset, shapes))
-    return LowRank(ages, *parts, coefficients, slopes, worst)
+    return LowRank(ages, gain.float(), offset.float(), shapes.float(), coefficients, slopes, worst)
 
 
 def _slopes(entries: Tensor, coefficients: Tensor) -> Tensor:

@@ -275,7 +275,7 @@ def interrupt_when_ageing(number: int) -> None:
 
 
 def test_what_nobody_foresaw_is_one_sentence_and_a_log(folder: Path, capfd, monkeypatch):
-    def broken(*_arguments: object) -> None:
+    def broken(*_arguments: object, **_settings: object) -> None:
         raise ZeroDivisionError("what was it")
 
     monkeypatch.setattr("tvbrdf.tvbrdf_addon.session.plan", broken)

@@ -208,7 +208,7 @@ def test_a_failure_of_the_worker_changes_nothing(folder: Path, monkeypatch):
 
 
 def test_what_nobody_foresaw_is_one_sentence_and_a_log(folder: Path, monkeypatch):
-    def broken(*_arguments: object) -> None:
+    def broken(*_arguments: object, **_settings: object) -> None:
         raise KeyError("what was it")
 
     monkeypatch.setattr("tvbrdf.tvbrdf_addon.session.plan", broken)

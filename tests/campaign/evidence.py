@@ -79,6 +79,7 @@ class Evidence:
     alone:      what the textures may be: results of undisturbed runs; empty where any will do
     beside:     endings of what may appear beside the output
     abandoned:  the program was killed beyond cleaning up: what it staged may still lie there
+    untold:     the program could not tell of its result: a refusal may leave a whole new one
     complaints: what the trial itself saw and is wrong
     """
 
@@ -92,6 +93,7 @@ class Evidence:
     alone: tuple[Mapping[str, str], ...] = ()
     beside: tuple[str, ...] = ()
     abandoned: bool = False
+    untold: bool = False
     complaints: tuple[str, ...] = ()
 
 

@@ -114,13 +114,12 @@ def _may_change(
     before: str | None,
     after: str | None,
 ) -> bool:
-    if output is None:
-        return False
-    if before is None and after == "folder" and output.is_relative_to(path):
+    if output is not None and before is None and after == "folder" and output.is_relative_to(path):
         return True
-    if not path.is_relative_to(output.parent):
+    around = PurePath() if output is None else output.parent
+    if not path.is_relative_to(around):
         return False
-    beside = str(path.relative_to(output.parent))
+    beside = str(path.relative_to(around))
     if evidence.abandoned and before is None and beside.startswith("."):
         return True
     return any(re.match(pattern, beside) for pattern in evidence.beside)
@@ -143,7 +142,7 @@ def _of_output(evidence: Evidence, output: str) -> Iterator[Finding]:
         whole = result is not None and not any(
             _of_result(evidence, result, new.keys() - others.keys())
         )
-        if not whole or evidence.answer.ended == "refused":
+        if not whole or (evidence.answer.ended == "refused" and not evidence.untold):
             names = old.keys() | new.keys()
             changed = sorted(name for name in names if old.get(name) != new.get(name))
             state = "a whole new result" if whole else f"{len(changed)} changes: {changed[0]} ..."

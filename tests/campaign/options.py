@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any
 
 from .damage import ODD_NUMBERS, ODD_TEXTS, ODD_VALUES
@@ -57,8 +58,8 @@ def attempt_request(trial: Trial) -> list[Evidence]:
 
 def _is_wrong(name: str, value: Any) -> bool:
     """Whether a setting must be refused, by what `--help` says of it."""
-    if value is None:
-        return name in ("input", "ntm", "output")
+    if value is None or name == "output":
+        return name in ("input", "ntm", "output") and not isinstance(value, str)
     if name in _LEAST:
         whole = isinstance(value, int) and not isinstance(value, bool)
         return not whole or value < _LEAST[name] or value >= _TOO_MUCH.get(name, value + 1)
@@ -125,7 +126,8 @@ def _odd_words(trial: Trial) -> Evidence:
     if _takes_long(request):
         words = ["info"]
     here = str(trial.output) == given.get("--output") and words[0] == "age"
-    return trial.command(*words, writes=here)
+    # An odd name is that of a folder where the command runs, which is its home.
+    return trial.command(*words, writes=here, beside=(r"home(/|$)",))
 
 
 def _number(text: str | None) -> int | None:
@@ -142,15 +144,20 @@ def _odd_streams(trial: Trial) -> Evidence:
     writes = words[0] == "age"
     match rng.randrange(4):
         case 0:
-            return trial.command(*words, shell="exec 1>&-; ", writes=writes)
+            evidence = trial.command(*words, shell="exec 1>&-; ", writes=writes)
         case 1:
-            return trial.command(*words, shell="exec 1>/dev/full; ", writes=writes)
+            evidence = trial.command(*words, shell="exec 1>/dev/full; ", writes=writes)
         case 2:
-            return trial.command(*words, shell="exec 2>&-; ", writes=writes)
+            return trial.command(*words, shell="exec 2>&-; ", writes=writes, expected="done")
         case _:
             reading, writing = os.pipe()
             os.close(reading)
             try:
-                return trial.command(*words, stdout=writing, writes=writes)
+                evidence = trial.command(*words, stdout=writing, writes=writes)
             finally:
                 os.close(writing)
+            if not any(evidence.answer.words):
+                # Where nobody reads, to end without a word is the custom.
+                evidence = replace(evidence, answer=replace(evidence.answer, ended="stopped"))
+    # That a result cannot be told of is found when it is there.
+    return replace(evidence, untold=True)

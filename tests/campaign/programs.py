@@ -27,8 +27,6 @@ from .evidence import Answer, Ended
 __all__ = ("ROOT", "Child", "Gone", "Watch", "Worker", "command")
 
 ROOT = Path(__file__).resolve().parents[2]
-READER = ("-m", "tests.campaign.reader")
-
 # What no run needs, and the machine can spare.
 _MOST_BYTES = 4 << 30
 _START_SECONDS = 60.0
@@ -140,9 +138,7 @@ class Worker(Child):
         process = super().process
         if cold:
             until = time.monotonic() + _START_SECONDS
-            self.receive(until)
             self.send(json.dumps(_ABSENT).encode())
-            self.receive(until)
             while (reply := self.receive(until)) is not None and reply["type"] != "error":
                 pass
             self.log()

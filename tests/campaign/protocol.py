@@ -29,7 +29,8 @@ def attempt_protocol(trial: Trial) -> list[Evidence]:
     if evidence.answer.ended == "done" and len(answers) != len(lines):
         wrong = (f"{len(lines)} lines have {len(answers)} answers",)
     # Where no run came to its end there is no result, and nothing else may be there.
-    output = evidence.output if any(reply.get("result") for reply in answers) else None
+    aged = any("files" in (reply.get("result") or ()) for reply in answers)
+    output = evidence.output if aged else None
     return [replace(evidence, complaints=wrong, output=output)]
 
 

@@ -124,7 +124,7 @@ class Samples:
         header = {"type": OpenEXR.scanlineimage, "displayWindow": window}
         plane = np.zeros((4096, 4096), np.float32)
         parts = [
-            OpenEXR.Part(header, channels, name)
+            OpenEXR.Part(dict(header), channels, name)
             for name, channels in (("rgb", small), ("z", {f"z{k}": plane for k in range(16)}))
         ]
         path = self.folder / "hidden.exr"

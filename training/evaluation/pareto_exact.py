@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from model_runtime.age import AgeRequest, initial_states, timing_maps
+from model_runtime.age import AgeRequest
 from model_runtime.brdf import principled
 from model_runtime.images import read_image
 from model_runtime.inputs import read_input
@@ -25,6 +25,7 @@ from model_runtime.package import find_model
 from model_runtime.plan import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.temporal.ntm import NeuralTemporalModel
+from model_runtime.texels import initial_states, timing_maps
 from model_runtime.writing import maps_of
 
 from ..kept import identity, keep, read_kept

@@ -6,7 +6,7 @@ from .pareto_results import ParetoReport, Point
 
 __all__ = ("tables",)
 
-_DEFAULTS = ("draft", "balanced", "exact")
+_DEFAULTS = ("draft, live", "balanced, live", "draft", "balanced", "exact")
 
 
 def tables(report: ParetoReport) -> str:

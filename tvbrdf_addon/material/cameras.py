@@ -11,7 +11,7 @@ import mathutils
 import numpy as np
 
 from .density import pixels_across
-from .evaluated import stage
+from .evaluated import in_view, stage
 from .onset import showing
 from .space import Space, image_size
 from .trace import is_animated, resolve
@@ -146,19 +146,15 @@ class _View:
         clips = [self._projection(camera, depsgraph) for camera in self.cameras]
         mapping = np.array(self._mapping)
         for obj in self.objects:
-            evaluated = obj.evaluated_get(depsgraph)
-            mesh = evaluated.to_mesh()
-            try:
+            with in_view(obj, depsgraph) as (mesh, materials):
                 uv_map = self._uv_map or active_uv_map(mesh)
                 if uv_map is None or uv_map not in mesh.uv_layers:
                     raise _UnknownError(f"“{obj.name}” has no such UV map")
-                slots = [_is(slot.material, self._material) for slot in evaluated.material_slots]
+                slots = [each == self._material for each in materials]
                 corners, uv = triangles(mesh, slots, uv_map)
-            finally:
-                evaluated.to_mesh_clear()
             if not len(uv):
                 continue
-            world = np.array(evaluated.matrix_world)
+            world = np.array(obj.evaluated_get(depsgraph).matrix_world)
             corners = corners @ world[:3, :3].T + world[:3, 3]
             for clip, focal in clips:
                 seen = max(seen, pixels_across(corners, uv @ mapping.T, clip, focal))
@@ -175,10 +171,6 @@ class _View:
         placed = evaluated.matrix_world.normalized()
         focal = max(projection[0][0] * width, projection[1][1] * height) / 2
         return np.array(projection @ placed.inverted()), focal
-
-
-def _is(seen: bpy.types.Material | None, material: bpy.types.Material) -> bool:
-    return seen is not None and seen.original == material
 
 
 def _has_instances(material: bpy.types.Material, depsgraph: bpy.types.Depsgraph) -> bool:

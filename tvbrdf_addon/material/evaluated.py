@@ -14,7 +14,7 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ("Evaluated", "distinct", "evaluated", "stage")
+__all__ = ("Evaluated", "distinct", "evaluated", "in_view", "stage")
 
 Array = NDArray[np.float32]
 
@@ -56,6 +56,19 @@ def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
         depsgraph = scene.view_layers[0].depsgraph
         basis = stand_in.evaluated_get(depsgraph).matrix_basis.copy()
         yield Evaluated(obj, mesh, basis, _rest(stand_in, scene, mesh))
+
+
+@contextmanager
+def in_view(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> Iterator[tuple[bpy.types.Mesh, list[bpy.types.Material | None]]]:
+    """The mesh as the view shows it, and its materials: for panels, as nothing is made for it."""
+    seen = obj.evaluated_get(depsgraph)
+    try:
+        slots = [slot.material and slot.material.original for slot in seen.material_slots]
+        yield seen.to_mesh(), slots
+    finally:
+        seen.to_mesh_clear()
 
 
 def distinct(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:

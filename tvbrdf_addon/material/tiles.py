@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import bpy
@@ -10,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MaterialError
-from .evaluated import distinct, evaluated
+from .evaluated import distinct, evaluated, in_view
 from .space import Space, looked_up_by
 from .trace import SOCKETS, input_socket, upstream
-from .unwrap import active_uv_map, slots_with, triangles
+from .unwrap import active_uv_map, triangles
 
 __all__ = ("Tile", "Tiles", "tiles_of")
 
@@ -87,20 +88,20 @@ def tiles_of(
     space: Space,
     material: bpy.types.Material,
     objects: Sequence[bpy.types.Object],
-    frame: int,
+    at: int | bpy.types.Depsgraph,
 ) -> Tiles:
     """The tiles that `objects` need of the images behind the sockets of `principled`.
 
-    These are those on which faces with `material` lie that are rendered at `frame`, or all where
-    the images are not looked up by UV alone; the usual square where no image has tiles.  Raises
-    `MaterialError` where the images have none of the tiles that are needed.
+    These are those on which faces with `material` lie that are rendered `at` a frame, or that a
+    view shows, or all where the images are not looked up by UV alone; the usual square where no
+    image has tiles.  Raises `MaterialError` where the images have none of those that are needed.
     """
     images = _tiled_images(principled, space.groups)
     if not images:
         return Tiles()
     there = set.intersection(*map(_tiles_in, images))
     uv_map = looked_up_by(space)
-    needed = set() if uv_map is None else _touched(objects, material, uv_map, frame)
+    needed = set() if uv_map is None else _touched(objects, material, uv_map, at)
     used = needed & there if needed else there
     if not used:
         raise MaterialError(
@@ -132,20 +133,38 @@ def _name(tile: Tile) -> str:
 
 
 def _touched(
-    objects: Iterable[bpy.types.Object], material: bpy.types.Material, uv_map: str, frame: int
+    objects: Iterable[bpy.types.Object],
+    material: bpy.types.Material,
+    uv_map: str,
+    at: int | bpy.types.Depsgraph,
 ) -> set[Tile]:
     """The tiles in which triangles have a corner or their centre."""
     found: set[Tile] = set()
     for obj in distinct(objects):
         if obj.type != "MESH" or obj.hide_render:
             continue
-        with evaluated(obj, frame) as look:
-            name = uv_map or active_uv_map(look.mesh)
-            if name is None or name not in look.mesh.uv_layers:
-                continue
-            _, uv = triangles(look.mesh, slots_with(look.mesh, material), name)
+        uv = _uv_of(obj, material, uv_map, at)
         centre = uv.mean(1, keepdims=True)
         places = np.concatenate((centre + _INNER * (uv - centre), centre), 1).reshape(-1, 2)
         places = places[np.isfinite(places).all(1)]
         found |= {(int(u), int(v)) for u, v in np.unique(np.floor(places), axis=0)}
     return found
+
+
+def _uv_of(
+    obj: bpy.types.Object,
+    material: bpy.types.Material,
+    uv_map: str,
+    at: int | bpy.types.Depsgraph,
+) -> Array:
+    """The triangles that show the material, in its UV map: [T, 3, 2], none where there is none."""
+    with ExitStack() as stack:
+        if isinstance(at, int):
+            mesh = stack.enter_context(evaluated(obj, at)).mesh
+            materials = list(mesh.materials)
+        else:
+            mesh, materials = stack.enter_context(in_view(obj, at))
+        name = uv_map or active_uv_map(mesh)
+        if name is None or name not in mesh.uv_layers:
+            return np.empty((0, 3, 2), np.float32)
+        return triangles(mesh, [each == material for each in materials], name)[1]
