@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import bpy
@@ -11,8 +12,10 @@ import pytest
 from PIL import Image
 
 import tvbrdf
+from tests.blender.live_cases import made_up_live
 from tests.blender.material_cases import image, made_up, new_material, plane, procedural
 from tests.blender.test_bind import bind
+from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 
@@ -92,3 +95,23 @@ def test_auto_pack_counts_as_packed(aged):
     bpy.data.use_autopack = True
     assert left_out(aged)
     assert left_out(new_material("Not aged")) is None
+
+
+def test_gltf_of_what_the_shader_ages_is_told_and_soon_done(empty_scene, tmp_path):
+    """The exporter follows every path through the nodes, unless something ends them."""
+    bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    folder = made_up_live(tmp_path / "live", count=6, size=(32, 32))
+    bind(material, obj, folder, tmp_path)
+    began = time.monotonic()
+    _, said = exported(material, tmp_path)
+    assert time.monotonic() - began < 30
+    assert len(said) == 1
+    assert "Freeze" in said[0]
+    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 32
+    freeze_live(material, obj, bpy.context.scene)
+    made, said = exported(material, tmp_path)
+    assert not said
+    assert {"baseColorTexture", "metallicRoughnessTexture"} <= set(made["pbrMetallicRoughness"])

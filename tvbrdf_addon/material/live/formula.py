@@ -191,7 +191,7 @@ class Canvas:
 
     def give(self, outputs: Mapping[str, Number | Triple]) -> None:
         """Links what the group gives, by the names of its outputs."""
-        end = self.add("NodeGroupOutput")
+        end = self.add("NodeGroupOutput", is_active_output=True)
         for name, value in outputs.items():
             self._tree.links.new(value.socket, end.inputs[name])
 

@@ -60,6 +60,7 @@ def aged_group(
     """
     inputs = (*AUTHORED, "Age", *(("Vector",) if vector else ()))
     group = new_group(name, inputs, OUTPUTS[maps.format])
+    _add_dead_end(group)
     canvas = Canvas(group)
 
     def texture(path: Path, label: str) -> Triple:
@@ -76,6 +77,15 @@ def aged_group(
         canvas.give(dict(zip(OUTPUTS[maps.format], result, strict=True)))
     arrange(group)
     return group
+
+
+def _add_dead_end(group: bpy.types.NodeTree) -> None:
+    """A first Group Output, which is not the active one: the glTF exporter looks no further.
+
+    It would follow every path through the nodes behind the other, of which there are millions.
+    """
+    end = group.nodes.new("NodeGroupOutput")
+    end.label, end.hide, end.location = "glTF looks no further", True, (0, 200)
 
 
 def _local_age(canvas: Canvas, age: str, timing: Path | None, texture: _Texture) -> Number:
