@@ -38,7 +38,11 @@ class Campaign:
         self._lanes = [self._lane(k, made) for k in range(lanes)]
         # Every kind has to have what is normal, and an earlier result to lose.
         ways = dict.fromkeys(["worker", *(kind.way for kind in self._kinds)])
-        normal = calibrate(self._lanes[0], ways)
+        try:
+            normal = calibrate(self._lanes[0], ways)
+        except BaseException:
+            self.close()
+            raise
         for lane in self._lanes:
             lane.normal = normal
 

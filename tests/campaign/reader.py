@@ -12,9 +12,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from model_runtime.package import list_models
-from tvbrdf_addon.estimate import Rates, Work, in_bytes, in_time
-from tvbrdf_addon.report import report_in
+import tests.conftest  # noqa: F401, it lets the extension be imported
+from tvbrdf.model_runtime.package import list_models
+from tvbrdf.tvbrdf_addon.estimate import Rates, Work, in_bytes, in_time
+from tvbrdf.tvbrdf_addon.report import report_in
 
 
 def _report(folder: Path) -> list[str]:
