@@ -342,6 +342,24 @@ def test_textures_are_looked_up_as_the_artists_are(tmp_path):
         assert each.inputs["Vector"].links[0].from_socket.name == "Vector"
 
 
+def test_udim_tiles_lie_in_one_texture(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.bind import bind as bind_material
+    from tvbrdf.tvbrdf_addon.material.read import Reading, TextureSize
+    from tvbrdf.tvbrdf_addon.material.tiles import Tiles
+
+    material = new_material()
+    plane(material)
+    tiles = Tiles(used=((0, 0), (1, 0)))
+    reading = Reading((8, 16), TextureSize(8, ""), False, None, (), tiles=tiles)
+    folder = made_up_live(tmp_path / "live", size=(8, 16))
+    bind_material(material=material, reading=reading, folder=folder, frame_start=1, frame_end=11)
+    node = group_node(material)
+    mapping = node.inputs["Vector"].links[0].from_node
+    assert tuple(mapping.inputs["Scale"].default_value) == (0.5, 1, 1)
+    textures = [each for each in node.node_tree.nodes if each.type == "TEX_IMAGE"]
+    assert {each.extension for each in textures} == {"EXTEND"}
+
+
 def test_freezing_leaves_stills_and_reverts(tmp_path):
     from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
 
