@@ -144,6 +144,18 @@ def test_muted_links_and_values_reach_the_group(tmp_path):
     np.testing.assert_array_equal(picture, np.broadcast_to(np.float32((0.2, 0.4, 0.6)), (4, 4, 3)))
 
 
+def test_one_that_was_animated_before_ages_at_once(tmp_path):
+    material = new_material()
+    procedural(material)
+    material.keyframe_insert("diffuse_color", frame=1)
+    obj = plane(material)
+    bpy.context.view_layer.update()
+    bind(material, obj, made_up_live(tmp_path / "live"), tmp_path, span=(1, 11))
+    bpy.context.scene.frame_set(11)
+    seen = material.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    assert seen["Age"] == 1.0
+
+
 def shown(tmp_path: Path, frame: int = 1, size: int = 8) -> np.ndarray:
     return render(tmp_path / "shown.exr", frame, size=size, samples=1)
 
