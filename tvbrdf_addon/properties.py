@@ -44,7 +44,7 @@ QUALITIES = (
 )
 TEMPORAL_MODELS = (
     ("auto", "Automatic", "The simplest model that the source sequence supports"),
-    ("constant", "Constant", "Every texel turns into the same aged material"),
+    ("constant", "Constant", "Nothing changes: what the other models are held against"),
     ("affine", "Affine", "Scale and offset of every channel over time"),
     ("lstm_parameters", "LSTM on Parameters", "A network predicts the reflectance parameters"),
     ("lstm_latents", "LSTM on Latents", "The neural temporal model of the paper"),
@@ -89,8 +89,8 @@ BINDINGS = (
     ),
 )
 SPECULARS = (
-    ("rgb", "Coloured", "Highlights may take on a colour, as metals do"),
-    ("mono", "Grey", "Highlights stay grey"),
+    ("rgb", "Colored", "Highlights may take on a color, as metals do"),
+    ("mono", "Gray", "Highlights stay gray"),
 )
 
 
