@@ -167,6 +167,18 @@ def test_values_that_the_artist_animates_are_animated_on(tmp_path):
     assert settled(material) == before
 
 
+def test_one_that_was_animated_before_ages_at_once(tmp_path):
+    material = new_material()
+    procedural(material)
+    material.keyframe_insert("diffuse_color", frame=1)
+    obj = plane(material)
+    bpy.context.view_layer.update()
+    bind(material, obj, made_up_live(tmp_path / "live"), tmp_path, span=(1, 11))
+    bpy.context.scene.frame_set(11)
+    seen = material.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    assert seen["Age"] == 1.0
+
+
 def shown(tmp_path: Path, frame: int = 1, size: int = 8) -> np.ndarray:
     return render(tmp_path / "shown.exr", frame, size=size, samples=1)
 
