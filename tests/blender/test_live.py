@@ -144,6 +144,29 @@ def test_muted_links_and_values_reach_the_group(tmp_path):
     np.testing.assert_array_equal(picture, np.broadcast_to(np.float32((0.2, 0.4, 0.6)), (4, 4, 3)))
 
 
+def test_values_that_the_artist_animates_are_animated_on(tmp_path):
+    def build(material):
+        inputs = principled_of(material).inputs
+        for frame, value in ((1, 1.2), (9, 2.0)):
+            inputs["IOR"].default_value = value
+            inputs["IOR"].keyframe_insert("default_value", frame=frame)
+        inputs["Roughness"].driver_add("default_value").driver.expression = "frame / 20"
+
+    material = new_material()
+    build(material)
+    obj = plane(material)
+    before = settled(material)
+    bind(material, obj, made_up_live(tmp_path / "live"), tmp_path, span=(1, 11))
+    inputs = {each.name: each for each in group_node(material).inputs}
+    for frame in (1, 4, 9):
+        bpy.context.scene.frame_set(frame)
+        own = principled_of(material).inputs["IOR"].default_value
+        assert inputs["IOR"].default_value == pytest.approx(own)
+        assert inputs["Roughness"].default_value == pytest.approx(frame / 20)
+    revert(material)
+    assert settled(material) == before
+
+
 def test_one_that_was_animated_before_ages_at_once(tmp_path):
     material = new_material()
     procedural(material)

@@ -14,6 +14,7 @@ __all__ = (
     "Animated",
     "AnimationBefore",
     "channels",
+    "copy_animation",
     "drive_by_age",
     "key",
     "key_property",
@@ -182,6 +183,25 @@ def _straighten(owner: Animated, path: str) -> None:
         if curve.data_path == path:
             for point in curve.keyframe_points:
                 point.interpolation = "LINEAR"
+
+
+def copy_animation(source: bpy.types.NodeSocket, target: bpy.types.NodeSocket) -> None:
+    """Moves a socket's value as that of another one of its tree is moved, by keys and drivers."""
+    tree, path = source.id_data, source.path_from_id("default_value")
+    curves = channels(tree)
+    for curve in [each for each in curves if each.data_path == path]:
+        copy = curves.new(target.path_from_id("default_value"), index=curve.array_index)
+        copy.extrapolation = curve.extrapolation
+        for point in curve.keyframe_points:
+            made = copy.keyframe_points.insert(*point.co, options={"FAST"})
+            for name in ("interpolation", "easing", "handle_left_type", "handle_right_type"):
+                setattr(made, name, getattr(point, name))
+            made.handle_left, made.handle_right = point.handle_left, point.handle_right
+        copy.update()
+    data = tree.animation_data
+    for driver in [each for each in data.drivers if each.data_path == path] if data else ():
+        copy = data.drivers.from_existing(src_driver=driver)
+        copy.data_path = target.path_from_id("default_value")
 
 
 def remove_keys(owner: Animated, path: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import MaterialError
 from .age import give_age
-from .animation import AnimationBefore, drive_by_age, key, own_action
+from .animation import AnimationBefore, copy_animation, drive_by_age, key, own_action
 from .groups import feed, own_groups, shown_outside
 from .layout import Layout
 from .ownership import TAG
@@ -94,6 +94,8 @@ class Edit:
         original = self.input(identifier)
         if hasattr(original, "default_value") and identifier != "Normal":
             socket.default_value = original.default_value
+            if original.id_data == self.tree:
+                copy_animation(original, socket)
         for link in original.links:
             self.tree.links.new(self.outside(link.from_socket), socket).is_muted = link.is_muted
 

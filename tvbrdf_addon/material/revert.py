@@ -21,7 +21,6 @@ from .record import (
     require_local,
     tagged,
 )
-from .trace import input_socket
 
 __all__ = ("is_aged", "revert")
 
@@ -89,10 +88,9 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
     for node in tagged(tree):
         if node.type == "TEX_IMAGE":
             node.image_user.driver_remove("frame_offset")
-        elif node.type == "VALUE":
-            node.outputs[0].driver_remove("default_value")
-        elif node.type == "MIX":
-            input_socket(node, "Factor_Float").driver_remove("default_value")
+        for socket in (*node.inputs, *node.outputs):
+            if hasattr(socket, "default_value"):
+                socket.driver_remove("default_value")
     for socket in keyed_sockets(tree, record):
         remove_keys(tree, socket.path_from_id("default_value"))
 
