@@ -80,6 +80,9 @@ def find_principled(
     source = resolve(output.inputs["Surface"])
     if not source.is_output:
         raise MaterialError(f"Nothing is connected to the surface of {name}:", wanted)
+    if source.node.mute:
+        shown = source.node.label or source.node.name
+        raise MaterialError(f"“{shown}”, which is the surface of {name}, is muted:", "unmute it.")
     shows = _NAMES.get(source.node.type, f"the node {source.node.bl_label}")
     without = " without a Principled BSDF" if source.node.type in _MIXES else ""
     raise MaterialError(f"The surface of {name} is {shows}{without}, which cannot be aged:", wanted)
@@ -128,7 +131,7 @@ def _shaders(surface: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, _G
             if groups:
                 yield from walk(_like(groups[-1].inputs, source), groups[:-1])
         elif node.type == "GROUP":
-            if node.node_tree is not None and len(groups) < _DEEPEST:
+            if node.node_tree is not None and not node.mute and len(groups) < _DEEPEST:
                 for end in node.node_tree.nodes:
                     if end.type == "GROUP_OUTPUT" and end.is_active_output:
                         yield from walk(_like(end.inputs, source), (*groups, node))
