@@ -20,7 +20,7 @@ READY = .venv/ready .venv-blender/ready build/wheels/ready
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
 	@echo "make extension      build the zip to install in Blender (WHEELS=none: without torch)"
-	@echo "make test           lint and every test, in real Blender too"
+	@echo "make test           lint, types and every test, in real Blender too"
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
 	@echo "make format         put the code in order"
 	@echo "make types          check types with pyright"
@@ -40,6 +40,7 @@ wheels: build/wheels/ready
 test: $(READY)
 	.venv/bin/python -m ruff check .
 	.venv/bin/python -m ruff format --check .
+	.venv/bin/python -m pyright
 	.venv/bin/python -m pytest -m "not blenders" $(PYTEST_ARGS)
 
 test-blenders: $(READY) $(foreach version,$(BLENDERS),.venv-blender-$(version)/ready)

@@ -27,7 +27,6 @@ from .histories import CPU
 from .inputs import hash_file, hash_input, input_files, read_covered, read_input
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
-from .live.low_rank import MOST_COEFFICIENTS
 from .maps import PrincipledMaps
 from .memory import memory_in_words
 from .modelling import EFFORTS, Effort, model_texels
@@ -47,8 +46,8 @@ _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
 _BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (
-    f"No sum of {MOST_COEFFICIENTS} coefficients a texel comes near enough to this change, so its "
-    "frames were written instead; a lower tolerance may allow it."
+    "This change is too varied for the shader to compute within the tolerance, so frames were "
+    "written instead; a lower tolerance may allow it."
 )
 
 

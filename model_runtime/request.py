@@ -98,6 +98,8 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     for name, (least, most) in _RANGES.items():
         if name in given and not (type(given[name]) is int and least <= given[name] <= most):
             raise UsageError(f"{option(name)} must be a whole number from {least} to {most}.")
+    if type(given.get("sparse", False)) is not bool:
+        raise UsageError("The setting sparse must be true or false.")
     if "tolerance" in given:
         value = given["tolerance"]
         if type(value) not in (int, float) or not 0 < value <= _MOST_DB:

@@ -61,6 +61,6 @@ def _modelled(modelled: int, texels: int) -> str:
 
 def _live(coefficients: int) -> str:
     if coefficients == 0:
-        return "What the texels share stands for all frames."
+        return "The shader does the ageing, from curves that all texels share."
     plural = "s" * (coefficients > 1)
-    return f"{coefficients} coefficient{plural} a texel, and what they share, stand for all frames."
+    return f"The shader does the ageing, from curves and {coefficients} number{plural} a texel."

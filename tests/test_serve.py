@@ -154,6 +154,8 @@ def test_a_second_run_is_told_that_the_worker_is_busy(tmp_path: Path):
         ({"tolerance": 0}, "--tolerance"),
         ({"tolerance": float("nan")}, "--tolerance"),
         ({"tolerance": float("inf")}, "--tolerance"),
+        ({"sparse": float("nan")}, "sparse"),
+        ({"sparse": "yes"}, "sparse"),
         ({"quality": "best"}, "draft, balanced, exact"),
         ({"temporal_model": "magic"}, "lstm_latents"),
         ({"format": "png"}, "principled-exact"),

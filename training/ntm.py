@@ -101,7 +101,9 @@ def train_ntm(
     found = ntm.card.details
     details: dict[str, Any] = {
         **card,
-        "source": f"{card['source']}. Encoder: {read_card(encoder).source}",
+        "source": ". ".join(
+            filter(None, (card["source"], f"Encoder: {read_card(encoder).source}"))
+        ),
         "frames": ntm.frames,
         "representation": identity,
         **found,

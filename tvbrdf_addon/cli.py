@@ -20,6 +20,7 @@ from ..model_runtime.request import MOST_FRAMES
 from . import preferences, properties, session
 from .errors import SettingsError
 from .interrupt import Interrupts
+from .known import scene_of
 from .log import said_of, tell
 from .operators import find_material
 
@@ -74,7 +75,7 @@ def _age(material: bpy.types.Material, object_name: str, interrupts: Interrupts)
     try:
         run = session.age_and_wait(
             material,
-            bpy.context.scene,
+            scene_of(bpy.context),
             object_name,
             cancelled=lambda: bool(interrupts.caught),
         )

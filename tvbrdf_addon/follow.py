@@ -6,6 +6,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from . import properties
+from .known import scene_of
 from .material.onset import showing
 from .material.record import is_aged
 from .material.retime import keyed_range, retime
@@ -17,7 +18,7 @@ _owner = object()
 
 def follow() -> None:
     """Moves the keys of the scene's materials to its range, where nobody has moved them since."""
-    scene = bpy.context.scene
+    scene = scene_of(bpy.context)
     for material in bpy.data.materials:
         settings = material.tvbrdf
         if not (is_aged(material) and settings.use_scene_range and showing(material, scene)):
@@ -31,7 +32,12 @@ def _subscribe(_file: object = None) -> None:
     # Loading a file ends all subscriptions.
     bpy.msgbus.clear_by_owner(_owner)
     for name in ("frame_start", "frame_end"):
-        bpy.msgbus.subscribe_rna(key=(bpy.types.Scene, name), owner=_owner, args=(), notify=follow)
+        bpy.msgbus.subscribe_rna(
+            key=(bpy.types.Scene, name),  # pyright: ignore[reportArgumentType] - all of a type
+            owner=_owner,
+            args=(),
+            notify=follow,
+        )
 
 
 def register() -> None:

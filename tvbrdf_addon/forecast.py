@@ -18,6 +18,7 @@ import bpy
 from . import preferences, properties
 from .errors import MaterialError
 from .estimate import Estimate, Rates, Work
+from .known import known
 from .material.onset import is_painted, showing
 from .material.revert import is_aged
 from .material.space import Space, choose_space, image_size
@@ -186,7 +187,7 @@ def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
     seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)
     images = None
     if space.kind == "texture":
-        images = max((image_size(node.image) for node in space.images), key=max)
+        images = max((image_size(known(node.image)) for node in space.images), key=max)
     return _Look(space.kind, images, (tiles.rows, tiles.columns), seen.pixels, seen.why)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import bpy
 
 from . import session
 from .errors import SettingsError
 from .forecast import is_worth_a_preview
+from .known import scene_of
 from .log import is_cancel, said_of
 from .material.freeze import freeze
 from .material.record import is_live
@@ -44,7 +45,8 @@ def find_material(name: str) -> bpy.types.Material:
     """
     names = [material.name for material in bpy.data.materials if material.library is None]
     if name in names:
-        return bpy.data.materials[name, None]  # a linked one may have the same name
+        # A linked one may have the same name; the stubs know no library beside it.
+        return bpy.data.materials[name, None]  # pyright: ignore[reportCallIssue, reportArgumentType]
     if name in bpy.data.materials:
         return bpy.data.materials[name]
     folded = {other.casefold(): other for other in names}
@@ -74,10 +76,10 @@ class _OnMaterial:
 
     def target(self, context: bpy.types.Context) -> _Target:
         if self.material:
-            return _Target(find_material(self.material), context.scene)
+            return _Target(find_material(self.material), scene_of(context))
         if (material := material_of(context)) is None:
             raise SettingsError("There is no material here.", "Give the object one first.")
-        return _Target(material, context.scene)
+        return _Target(material, scene_of(context))
 
     def refuse(self, error: BaseException) -> set[str]:
         self.report({"ERROR"}, said_of(error))
@@ -118,7 +120,7 @@ class _Ages(_OnMaterial):
         material = material_of(context)
         try:
             reason = (
-                "There is no material" if material is None else why_not(material, context.scene)
+                "There is no material" if material is None else why_not(material, scene_of(context))
             )
         except Exception as error:
             reason = said_of(error)
@@ -180,7 +182,13 @@ class _Ages(_OnMaterial):
         reason = self._run.ended_by or "Ageing ended, because its window was closed."
         self._end(context, icon="NONE", sentences=(reason,))
 
-    def _end(self, context: bpy.types.Context, *, icon: str, sentences: tuple[str, ...]) -> None:
+    def _end(
+        self,
+        context: bpy.types.Context,
+        *,
+        icon: Literal["NONE", "ERROR"],
+        sentences: tuple[str, ...],
+    ) -> None:
         _remove_timer()
         session.finish(self._run, icon=icon, sentences=sentences)
         _redraw(context)

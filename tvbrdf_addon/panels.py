@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal, TypeAlias
 
 import bpy
 
@@ -13,6 +13,7 @@ from ..model_runtime.errors import shown
 from . import properties, session
 from .estimate import LONG_SECONDS, in_bytes, in_time
 from .forecast import forecast
+from .known import known, scene_of
 from .log import said_of
 from .material.age import age_path
 from .material.chosen import object_with
@@ -34,9 +35,11 @@ LETTER_PIXELS = 6.4
 MARGIN_PIXELS = 55
 LONGEST_TEXT = 2000
 
+_Icon: TypeAlias = Literal["NONE", "CAMERA_DATA", "DOT", "ERROR", "INFO", "TIME"]
+
 
 def _paragraph(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE"
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: _Icon = "NONE"
 ) -> None:
     """`text` over as many lines as the region needs: Blender's labels do not wrap."""
     pixels = context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS
@@ -141,7 +144,7 @@ def _draw_action(
     text = "Age Again from the Original" if aged else "Age Material"
     row.operator("tvbrdf.age_material", text=text)
     # Below the button: what comes and goes must not move it under the mouse.
-    if reason := why_not(material, context.scene):
+    if reason := why_not(material, scene_of(context)):
         _paragraph(layout, context, reason, "ERROR")
     else:
         _draw_forecast(layout, context, material)
@@ -162,7 +165,7 @@ def _draw_action(
 def _draw_forecast(
     layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
 ) -> None:
-    if (expected := forecast(material, context.scene)) is None:
+    if (expected := forecast(material, scene_of(context))) is None:
         return
     seconds, balanced = expected.estimate.seconds, expected.balanced.seconds
     said = f"About {in_time(seconds)}, {in_bytes(expected.estimate.bytes)}."
@@ -211,7 +214,7 @@ def _draw_outcome(
 
 @_said
 def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    material = material_of(context)
+    material = known(material_of(context))
     layout.use_property_split = True
     layout.use_property_decorate = False
     layout.enabled = session.current() is None and material.library is None
@@ -240,7 +243,7 @@ def _draw_onset(
     layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
 ) -> None:
     settings = material.tvbrdf
-    obj = object_with(material, context.scene)
+    obj = object_with(material, scene_of(context))
     if settings.onset == "image":
         layout.template_ID(settings, "onset_image", new="image.new", open="image.open")
     elif obj is not None and obj.type == "MESH":
@@ -302,7 +305,7 @@ class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
     bl_label = "Age Material"
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_age(self.layout, context)
+        _draw_age(known(self.layout), context)
 
 
 class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
@@ -315,14 +318,14 @@ class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
         return material_of(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_advanced(self.layout, context)
+        _draw_advanced(known(self.layout), context)
 
 
 class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
     bl_label = "Age Material"
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_age(self.layout, context)
+        _draw_age(known(self.layout), context)
 
 
 class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
@@ -331,7 +334,7 @@ class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_advanced(self.layout, context)
+        _draw_advanced(known(self.layout), context)
 
 
 CLASSES = (

@@ -203,5 +203,6 @@ def _listen(pipe: IO[bytes], complaints: deque[str]) -> None:
 
 def _lines(pipe: IO[bytes]) -> Iterator[str]:
     """The lines of `pipe`, which is closed after the last."""
+    assert isinstance(pipe, io.RawIOBase)  # as a process without a buffer has them
     with io.TextIOWrapper(io.BufferedReader(pipe), encoding="utf-8", errors="replace") as text:
         yield from text

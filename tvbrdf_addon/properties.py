@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import bpy
 
 from ..model_runtime import package
 from ..model_runtime.request import MOST_FRAMES
 from . import preferences
+from .known import scene_of
 from .material.ownership import TAG
 from .material.retime import retime
 from .models import OWN_FILE, enum_number, models_in
@@ -27,7 +29,10 @@ __all__ = (
 )
 
 # Blender 4.5 and later want to be told that a path may begin with `//`; earlier ones never ask.
-RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5) else set()
+_Relative: TypeAlias = Literal["PATH_SUPPORTS_BLEND_RELATIVE"]
+RELATIVE: tuple[_Relative, ...] = (
+    ("PATH_SUPPORTS_BLEND_RELATIVE",) if bpy.app.version >= (4, 5) else ()
+)
 
 # Blender's own limit of frame numbers, on both sides of 0.
 LAST_FRAME = 1_048_574
@@ -44,7 +49,7 @@ QUALITIES = (
 )
 TEMPORAL_MODELS = (
     ("auto", "Automatic", "The simplest model that the source sequence supports"),
-    ("constant", "Constant", "Every texel turns into the same aged material"),
+    ("constant", "Constant", "Nothing changes: what the other models are held against"),
     ("affine", "Affine", "Scale and offset of every channel over time"),
     ("lstm_parameters", "LSTM on Parameters", "A network predicts the reflectance parameters"),
     ("lstm_latents", "LSTM on Latents", "The neural temporal model of the paper"),
@@ -89,8 +94,8 @@ BINDINGS = (
     ),
 )
 SPECULARS = (
-    ("rgb", "Coloured", "Highlights may take on a colour, as metals do"),
-    ("mono", "Grey", "Highlights stay grey"),
+    ("rgb", "Colored", "Highlights may take on a color, as metals do"),
+    ("mono", "Gray", "Highlights stay gray"),
 )
 
 
@@ -105,7 +110,9 @@ def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) ->
 
 
 def _move_keys(self: TVBRDF_PG_material, context: bpy.types.Context) -> None:
-    retime(self.id_data, *frame_range(self.id_data, context.scene))
+    material = self.id_data
+    assert isinstance(material, bpy.types.Material)
+    retime(material, *frame_range(material, scene_of(context)))
 
 
 def _leave_camera_size(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
@@ -135,7 +142,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Model File",
         description="Model file (.safetensors) made by the training package",
         subtype="FILE_PATH",
-        options=RELATIVE,
+        options={*RELATIVE},
     )
     use_scene_range: bpy.props.BoolProperty(
         name="Scene Range",
@@ -195,7 +202,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Folder for the textures; every material gets a folder of its own inside",
         default="//aged",
         subtype="DIR_PATH",
-        options=RELATIVE,
+        options={*RELATIVE},
     )
     tolerance: bpy.props.FloatProperty(
         name="Tolerance",
@@ -280,7 +287,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Result",
         description="Folder with the textures of the last run",
         subtype="DIR_PATH",
-        options={"HIDDEN"} | RELATIVE,
+        options={"HIDDEN", *RELATIVE},
     )
     size_reason: bpy.props.StringProperty(
         description="Why the textures of the last run have their size; empty where it was chosen",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import bpy
 from bpy.app.handlers import persistent
@@ -41,7 +42,7 @@ class Outcome:
 
     material_uid: int
     material_name: str
-    icon: str
+    icon: Literal["NONE", "ERROR"]
     sentences: tuple[str, ...]
 
 
@@ -88,7 +89,7 @@ def begin(
     return _current
 
 
-def finish(run: Run, *, icon: str, sentences: tuple[str, ...]) -> None:
+def finish(run: Run, *, icon: Literal["NONE", "ERROR"], sentences: tuple[str, ...]) -> None:
     """Let go of a run that has ended, however it did, and keep what is to be said of it."""
     global _current, _outcome
     run.close()

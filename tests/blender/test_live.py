@@ -144,6 +144,41 @@ def test_muted_links_and_values_reach_the_group(tmp_path):
     np.testing.assert_array_equal(picture, np.broadcast_to(np.float32((0.2, 0.4, 0.6)), (4, 4, 3)))
 
 
+def test_values_that_the_artist_animates_are_animated_on(tmp_path):
+    def build(material):
+        inputs = principled_of(material).inputs
+        for frame, value in ((1, 1.2), (9, 2.0)):
+            inputs["IOR"].default_value = value
+            inputs["IOR"].keyframe_insert("default_value", frame=frame)
+        inputs["Roughness"].driver_add("default_value").driver.expression = "frame / 20"
+
+    material = new_material()
+    build(material)
+    obj = plane(material)
+    before = settled(material)
+    bind(material, obj, made_up_live(tmp_path / "live"), tmp_path, span=(1, 11))
+    inputs = {each.name: each for each in group_node(material).inputs}
+    for frame in (1, 4, 9):
+        bpy.context.scene.frame_set(frame)
+        own = principled_of(material).inputs["IOR"].default_value
+        assert inputs["IOR"].default_value == pytest.approx(own)
+        assert inputs["Roughness"].default_value == pytest.approx(frame / 20)
+    revert(material)
+    assert settled(material) == before
+
+
+def test_one_that_was_animated_before_ages_at_once(tmp_path):
+    material = new_material()
+    procedural(material)
+    material.keyframe_insert("diffuse_color", frame=1)
+    obj = plane(material)
+    bpy.context.view_layer.update()
+    bind(material, obj, made_up_live(tmp_path / "live"), tmp_path, span=(1, 11))
+    bpy.context.scene.frame_set(11)
+    seen = material.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    assert seen["Age"] == 1.0
+
+
 def shown(tmp_path: Path, frame: int = 1, size: int = 8) -> np.ndarray:
     return render(tmp_path / "shown.exr", frame, size=size, samples=1)
 
@@ -340,6 +375,24 @@ def test_textures_are_looked_up_as_the_artists_are(tmp_path):
     for each in textures:
         assert (each.extension, each.interpolation) == ("EXTEND", "Closest")
         assert each.inputs["Vector"].links[0].from_socket.name == "Vector"
+
+
+def test_udim_tiles_lie_in_one_texture(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.bind import bind as bind_material
+    from tvbrdf.tvbrdf_addon.material.read import Reading, TextureSize
+    from tvbrdf.tvbrdf_addon.material.tiles import Tiles
+
+    material = new_material()
+    plane(material)
+    tiles = Tiles(used=((0, 0), (1, 0)))
+    reading = Reading((8, 16), TextureSize(8, ""), False, None, (), tiles=tiles)
+    folder = made_up_live(tmp_path / "live", size=(8, 16))
+    bind_material(material=material, reading=reading, folder=folder, frame_start=1, frame_end=11)
+    node = group_node(material)
+    mapping = node.inputs["Vector"].links[0].from_node
+    assert tuple(mapping.inputs["Scale"].default_value) == (0.5, 1, 1)
+    textures = [each for each in node.node_tree.nodes if each.type == "TEX_IMAGE"]
+    assert {each.extension for each in textures} == {"EXTEND"}
 
 
 def test_freezing_leaves_stills_and_reverts(tmp_path):

@@ -205,6 +205,19 @@ def test_one_group_shown_twice_is_two_of_them():
     assert "in “Group.001”" in why_not(material, plane(material))
 
 
+def test_a_muted_group_is_named_as_what_it_is():
+    from tvbrdf.tvbrdf_addon.material.check import why_not
+
+    material = new_material("Metal")
+    in_a_group(material)
+    obj = plane(material)
+    assert why_not(material, obj) is None
+    group = next(node for node in material.node_tree.nodes if node.type == "GROUP")
+    group.label, group.mute = "Paint", True
+    said = why_not(material, obj)
+    assert said == "“Paint”, which is the surface of “Metal”, is muted: unmute it."
+
+
 @pytest.mark.parametrize("by", ["socket", "value node", "group input"])
 @pytest.mark.parametrize(("factor", "shown"), [(0.0, "Principled BSDF"), (1.0, "Moss"), (0.2, "")])
 def test_a_factor_that_never_changes_decides(factor: float, shown: str, by: str):

@@ -35,6 +35,8 @@ def give_age(material: bpy.types.Material, span: tuple[int, int]) -> tuple[Anima
     )
     material.property_overridable_library_set(property_path(name), True)
     key_property(material, name, (0.0, 1.0), span)
+    # Of a material that was animated before, Blender would not see the new property.
+    material.update_tag()
     return before, name
 
 

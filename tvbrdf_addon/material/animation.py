@@ -8,12 +8,15 @@ from typing import Literal, TypeAlias
 
 import bpy
 
+from ..known import tree_of
 from .ownership import TAG, user_count
 
 __all__ = (
     "Animated",
     "AnimationBefore",
+    "FCurves",
     "channels",
+    "copy_animation",
     "drive_by_age",
     "key",
     "key_property",
@@ -23,6 +26,7 @@ __all__ = (
 )
 
 Animated: TypeAlias = bpy.types.NodeTree | bpy.types.Material | bpy.types.Object
+FCurves: TypeAlias = "bpy.types.ActionFCurves | Sequence[bpy.types.FCurve]"
 
 
 @dataclass(frozen=True)
@@ -114,7 +118,7 @@ def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, slot: str
         data.action_slot = slots.get(slot, data.action_slot)
 
 
-def channels(owner: Animated) -> Sequence[bpy.types.FCurve]:
+def channels(owner: Animated) -> FCurves:
     """The F-curves that animate a data-block: Blender's own collection, or nothing."""
     data = owner.animation_data
     if data is None or data.action is None:
@@ -123,7 +127,7 @@ def channels(owner: Animated) -> Sequence[bpy.types.FCurve]:
     return _curves(data.action, slot.identifier if slot else None)
 
 
-def _curves(action: bpy.types.Action, slot: str | None) -> Sequence[bpy.types.FCurve]:
+def _curves(action: bpy.types.Action, slot: str | None) -> FCurves:
     """The F-curves of a slot of an action; up to Blender 4.3, which has no slots, all."""
     if not hasattr(action, "slots"):
         return action.fcurves
@@ -136,7 +140,7 @@ def _curves(action: bpy.types.Action, slot: str | None) -> Sequence[bpy.types.FC
     return ()
 
 
-def _as_values(curves: Sequence[bpy.types.FCurve]) -> list[tuple[object, ...]]:
+def _as_values(curves: FCurves) -> list[tuple[object, ...]]:
     return [
         (curve.data_path, curve.array_index, point.interpolation, *point.co, *point.handle_right)
         for curve in curves
@@ -148,11 +152,11 @@ def key(
     socket: bpy.types.NodeSocket, values: Sequence[float | Sequence[float]], at: Sequence[float]
 ) -> None:
     """Keys `socket.default_value` to `values` at the frames `at`, straight from key to key."""
-    _give_action(socket.id_data)
+    _give_action(tree_of(socket))
     for value, frame in zip(values, at, strict=True):
         socket.default_value = value
         socket.keyframe_insert("default_value", frame=frame)
-    _straighten(socket.id_data, socket.path_from_id("default_value"))
+    _straighten(tree_of(socket), socket.path_from_id("default_value"))
 
 
 def key_property(owner: Animated, name: str, values: Sequence[float], at: Sequence[float]) -> None:
@@ -182,6 +186,25 @@ def _straighten(owner: Animated, path: str) -> None:
         if curve.data_path == path:
             for point in curve.keyframe_points:
                 point.interpolation = "LINEAR"
+
+
+def copy_animation(source: bpy.types.NodeSocket, target: bpy.types.NodeSocket) -> None:
+    """Moves a socket's value as that of another one of its tree is moved, by keys and drivers."""
+    tree, path = source.id_data, source.path_from_id("default_value")
+    curves = channels(tree)
+    for curve in [each for each in curves if each.data_path == path]:
+        copy = curves.new(target.path_from_id("default_value"), index=curve.array_index)
+        copy.extrapolation = curve.extrapolation
+        for point in curve.keyframe_points:
+            made = copy.keyframe_points.insert(*point.co, options={"FAST"})
+            for name in ("interpolation", "easing", "handle_left_type", "handle_right_type"):
+                setattr(made, name, getattr(point, name))
+            made.handle_left, made.handle_right = point.handle_left, point.handle_right
+        copy.update()
+    data = tree.animation_data
+    for driver in [each for each in data.drivers if each.data_path == path] if data else ():
+        copy = data.drivers.from_existing(src_driver=driver)
+        copy.data_path = target.path_from_id("default_value")
 
 
 def remove_keys(owner: Animated, path: str) -> None:

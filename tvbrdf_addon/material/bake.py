@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
+from ..known import image_texture, known
 from .cycles import Baker, baking_scene
 from .evaluated import Evaluated
 from .groups import shown_outside
@@ -67,7 +68,7 @@ def bake_sockets(
     required (`unwrap.require_faces`).  Raises `MaterialError` where Cycles fails.
     """
     require_memory(size, _BYTES_PER_TEXEL)
-    tree = copy.node_tree
+    tree = known(copy.node_tree)
     place = find_principled(copy)
     output, sockets = place.output, [place.input(each) for each in identifiers]
     output.target = "CYCLES"  # it may be one for EEVEE
@@ -85,7 +86,7 @@ def bake_sockets(
         emission = tree.nodes.new("ShaderNodeEmission")
         tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
         _keep_used(tree, alphas, emission.inputs["Strength"])
-        node = tree.nodes.new("ShaderNodeTexImage")
+        node = image_texture(tree.nodes.new("ShaderNodeTexImage"))
         tree.nodes.active = node
         if target.look is None:
             for each in place.trees:
@@ -135,10 +136,11 @@ def _is_finer(pixels: Array, between: Array, inside: Array) -> bool:
     """
 
     def mean_around(values: Array) -> Array:
-        return sum(values[1 + i :: 4, 1 + j :: 4] for i in (0, 1) for j in (0, 1)) / 4
+        first, *others = (values[1 + i :: 4, 1 + j :: 4] for i in (0, 1) for j in (0, 1))
+        return sum(others, start=first) / 4
 
-    known = mean_around(inside) == 1
-    error = np.abs(mean_around(pixels) - between)[known]
+    whole = mean_around(inside) == 1
+    error = np.abs(mean_around(pixels) - between)[whole]
     return bool(error.size and error.mean() > _FINE)
 
 
@@ -168,7 +170,7 @@ def _keep_used(
         one.operation, one.use_clamp = "MAXIMUM", True
         one.inputs[0].default_value = 1.0
         if strength.is_linked:
-            tree.links.new(strength.links[0].from_socket, one.inputs[0])
+            tree.links.new(known(known(strength.links)[0].from_socket), one.inputs[0])
         tree.links.new(socket, one.inputs[1])
         tree.links.new(one.outputs[0], strength)
 
@@ -191,7 +193,7 @@ def _emit(
     group: list[bpy.types.NodeSocket],
     groups: Sequence[bpy.types.Node],
 ) -> None:
-    sources = [shown_outside(socket.links[0].from_socket, groups) for socket in group]
+    sources = [shown_outside(known(known(socket.links)[0].from_socket), groups) for socket in group]
     if group[0].type == "RGBA":
         tree.links.new(sources[0], emission.inputs["Color"])
         return
@@ -218,7 +220,7 @@ def _look_up_texels(
 
 
 def _unlink(tree: bpy.types.NodeTree, socket: bpy.types.NodeSocket) -> None:
-    for link in list(socket.links):
+    for link in list(known(socket.links)):
         tree.links.remove(link)
 
 

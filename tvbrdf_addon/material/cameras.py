@@ -10,11 +10,12 @@ import bpy
 import mathutils
 import numpy as np
 
+from ..known import known
 from .density import pixels_across
 from .evaluated import in_view, stage
 from .onset import showing
 from .space import Space, image_size
-from .trace import is_animated, resolve
+from .trace import input_socket, is_animated, resolve
 from .unwrap import active_uv_map, triangles
 
 __all__ = ("FULL", "LARGEST", "TextureSize", "all_the_cameras_see", "own_size")
@@ -55,7 +56,7 @@ def own_size(space: Space) -> int | None:
     """
     if space.kind != "texture":
         return None
-    return max(max(image_size(node.image)) for node in space.images) or None
+    return max(max(image_size(known(node.image))) for node in space.images) or None
 
 
 def all_the_cameras_see(
@@ -104,7 +105,7 @@ def _over(view: _View, frames: Iterable[int], most: int) -> float:
     with stage("tvbrdf cameras", [*view.cameras, *view.objects]) as scene:
         for frame in frames:
             scene.frame_set(frame)
-            seen = max(seen, view.pixels(scene.view_layers[0].depsgraph))
+            seen = max(seen, view.pixels(known(scene.view_layers[0].depsgraph)))
             if _SAFETY * seen > most:
                 break
     return seen
@@ -191,7 +192,7 @@ def _lookup(
     if space.kind == "texture":
         node = space.images[0]
         flat = node.projection == "FLAT"
-        found = _through(node.inputs["Vector"], straight, space.groups) if flat else None
+        found = _through(input_socket(node, "Vector"), straight, space.groups) if flat else None
         if found is None:
             raise _UnknownError(f"“{material.name}” is not looked up by UV")
         uv_map, matrix = found
@@ -207,7 +208,7 @@ def _through(
     source = resolve(vector, groups)
     if not source.is_output:
         return ("", after) if source.node.type == "TEX_IMAGE" else None
-    node = source.node
+    node = known(source.node)
     if node.type == "UVMAP" and not node.from_instancer:
         return node.uv_map, after
     if node.type == "TEX_COORD" and source.name == "UV" and not node.from_instancer:

@@ -14,7 +14,7 @@ def decoded(kind: Any, data: object) -> Any:
 
     Raises `TypeError` or `ValueError` where it is something else.
     """
-    if is_dataclass(kind):
+    if isinstance(kind, type) and is_dataclass(kind):
         if not isinstance(data, dict):
             raise TypeError(f"no {kind.__name__}")
         hints = get_type_hints(kind)

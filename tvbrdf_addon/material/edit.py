@@ -11,8 +11,9 @@ import bpy
 import numpy as np
 
 from ..errors import MaterialError
+from ..known import image_texture, known
 from .age import give_age
-from .animation import AnimationBefore, drive_by_age, key, own_action
+from .animation import AnimationBefore, copy_animation, drive_by_age, key, own_action
 from .groups import feed, own_groups, shown_outside
 from .layout import Layout
 from .ownership import TAG
@@ -44,7 +45,7 @@ class Edit:
         times: Sequence[float] = (),
     ) -> None:
         self.material = material
-        self.tree = material.node_tree
+        self.tree = known(material.node_tree)
         place = find_principled(material)
         self._reading = reading
         self._times = times
@@ -81,7 +82,7 @@ class Edit:
         if self._record.age is None:
             before, name = give_age(self.material, self._span)
             self._record = replace(self._record, owner=before, age=name)
-        return self._record.age
+        return known(self._record.age)
 
     def age_socket(self) -> bpy.types.NodeSocket:
         """The output of a new node that shows the age."""
@@ -94,8 +95,11 @@ class Edit:
         original = self.input(identifier)
         if hasattr(original, "default_value") and identifier != "Normal":
             socket.default_value = original.default_value
-        for link in original.links:
-            self.tree.links.new(self.outside(link.from_socket), socket).is_muted = link.is_muted
+            if original.id_data == self.tree:
+                copy_animation(original, socket)
+        for link in known(original.links):
+            source = self.outside(known(link.from_socket))
+            self.tree.links.new(source, socket).is_muted = link.is_muted
 
     def use_ggx(self) -> None:
         """Gives the Principled BSDF the plain GGX distribution."""
@@ -114,8 +118,9 @@ class Edit:
 
     def replace_shader(self, source: bpy.types.NodeSocket) -> None:
         """Shows `source` wherever the material's Principled BSDF was shown."""
-        for link in list(self.place.principled.outputs["BSDF"].links):
-            self.connect(source, link.to_socket)
+        shown = known(self.place.principled.outputs)["BSDF"]
+        for link in list(known(shown.links)):
+            self.connect(source, known(link.to_socket))
 
     def outside(self, source: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
         """An output socket of one of the artist's nodes, as it is in the material's own tree.
@@ -133,8 +138,10 @@ class Edit:
                 if not theirs.is_linked:
                     if hasattr(theirs, "default_value"):
                         ours.default_value = theirs.default_value
-                elif TAG not in theirs.links[0].from_node:
-                    self.tree.links.new(theirs.links[0].from_socket, ours)
+                    continue
+                link = known(theirs.links)[0]
+                if TAG not in known(link.from_node):
+                    self.tree.links.new(known(link.from_socket), ours)
         shown = shown_outside(source, self.place.groups)
         return next(each for each in self._inside.outputs if each.identifier == shown.identifier)
 
@@ -189,19 +196,21 @@ class Edit:
         """
         even = self._texture(aged, 0, column=2)
         if not aged.changes:
-            return even.outputs["Color"]
+            return known(even.outputs)["Color"]
         odd = self._texture(aged, 1, column=1)
         fade = self.layout.add("ShaderNodeMix", f"Fade {aged.name}", column=0, row=self._rows)
         fade.data_type = "RGBA"
-        self.tree.links.new(even.outputs["Color"], input_socket(fade, "A_Color"))
-        self.tree.links.new(odd.outputs["Color"], input_socket(fade, "B_Color"))
+        self.tree.links.new(known(even.outputs)["Color"], input_socket(fade, "A_Color"))
+        self.tree.links.new(known(odd.outputs)["Color"], input_socket(fade, "B_Color"))
         shares = [(frame, i % 2) for i, frame in enumerate(aged.stored)]
         self._drive(input_socket(fade, "Factor_Float"), "default_value", shares, "LINEAR")
         return next(each for each in fade.outputs if each.identifier == "Result_Color")
 
     def _texture(self, aged: AgedMap, turn: int, *, column: int) -> bpy.types.ShaderNodeTexImage:
         """A texture of every second stored frame, from the first (`turn` 0) or second (1) on."""
-        node = self.layout.add("ShaderNodeTexImage", aged.name, column=column, row=self._rows)
+        node = image_texture(
+            self.layout.add("ShaderNodeTexImage", aged.name, column=column, row=self._rows)
+        )
         self.show_file(node, aged.files[turn])
         frames = aged.stored[turn::2]
         if len(frames) > 1:
@@ -215,7 +224,7 @@ class Edit:
             self._drive(user, "frame_offset", points, "CONSTANT")
         vector = self.lookup()
         if vector is not None:
-            self.tree.links.new(vector, node.inputs["Vector"])
+            self.tree.links.new(vector, input_socket(node, "Vector"))
         return node
 
     def show_file(self, node: bpy.types.ShaderNodeTexImage, path: Path) -> None:
@@ -303,7 +312,7 @@ class Edit:
         Keys and drivers of the artist's would win over a value, but a link wins over them.  What
         is in a group shares its keys with others.
         """
-        if TAG in socket.node:
+        if TAG in known(socket.node):
             return socket
         if is_animated(socket) or socket.id_data != self.tree:
             kind = "ShaderNodeRGB" if socket.type == "RGBA" else "ShaderNodeValue"
@@ -312,12 +321,12 @@ class Edit:
             self.connect(source, socket)
             return source
         self._remember(socket)
-        for link in list(socket.links):
+        for link in list(known(socket.links)):
             self.tree.links.remove(link)
         return socket
 
     def _remember(self, socket: bpy.types.NodeSocket) -> None:
-        if TAG not in socket.node:
+        if TAG not in known(socket.node):
             self._record = self._record.with_socket(SocketBefore.of(socket))
 
 

@@ -14,6 +14,8 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
+from ..known import known
+
 __all__ = ("Evaluated", "distinct", "evaluated", "in_view", "stage")
 
 Array = NDArray[np.float32]
@@ -53,7 +55,7 @@ def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
         mesh = _mesh_of(stand_in, scene)
         stack.callback(bpy.data.meshes.remove, mesh)
         mesh.validate(clean_customdata=False)  # takes out what is no number, too
-        depsgraph = scene.view_layers[0].depsgraph
+        depsgraph = known(scene.view_layers[0].depsgraph)
         basis = stand_in.evaluated_get(depsgraph).matrix_basis.copy()
         yield Evaluated(obj, mesh, basis, _rest(stand_in, scene, mesh))
 
@@ -102,6 +104,7 @@ def _stand_in(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
         if obj.type == "MESH" and obj.mode == "EDIT":  # then it cannot be read
             obj.update_from_editmode()
             copy.data = obj.data.copy()
+            assert isinstance(copy.data, bpy.types.Mesh)
             stack.callback(bpy.data.meshes.remove, copy.data)
         stack.callback(bpy.data.objects.remove, copy)
         copy.hide_viewport = copy.hide_render = False
@@ -131,7 +134,7 @@ def _instances_made_real(obj: bpy.types.Object) -> Iterator[None]:
 
 
 def _mesh_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Mesh:
-    depsgraph = scene.view_layers[0].depsgraph
+    depsgraph = known(scene.view_layers[0].depsgraph)
     depsgraph.update()
     seen = obj.evaluated_get(depsgraph)
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..errors import MaterialError
+from ..known import known, tree_of
 from .age import hold_age
 from .animation import channels, own_action, remove_keys
 from .groups import require_ungrouped
@@ -31,14 +32,14 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
     # Only now: numpy, which it needs, has no part in starting Blender.
     from .still import Fade, show, still
 
-    record, tree = load(material, material.name), material.node_tree
+    record, tree = load(material, material.name), known(material.node_tree)
     require_ungrouped(tree, material.name)
     last = record.frames - 1
     offsets = {
         node: round(_driven(node.image_user, "frame_offset", frame, last))
         for node in sequences(tree)
     }
-    stills = {node: still(node.image, offset + 1) for node, offset in offsets.items()}
+    stills = {node: still(known(node.image), offset + 1) for node, offset in offsets.items()}
     mixes = {
         node: input_socket(node, "Factor_Float") for node in tagged(tree) if node.type == "MIX"
     }
@@ -62,11 +63,12 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
 
 def _hold(socket: bpy.types.NodeSocket, frame: int) -> None:
     """Gives a socket the value that its keys have on `frame`, and removes them."""
-    tree, path = socket.id_data, socket.path_from_id("default_value")
+    tree, path = tree_of(socket), socket.path_from_id("default_value")
     curves = [curve for curve in channels(tree) if curve.data_path == path]
+    value = socket.default_value
     for curve in curves:
-        if hasattr(socket.default_value, "__len__"):
-            socket.default_value[curve.array_index] = curve.evaluate(frame)
+        if hasattr(value, "__len__"):
+            value[curve.array_index] = curve.evaluate(frame)
         else:
             socket.default_value = curve.evaluate(frame)
     remove_keys(tree, path)

@@ -146,7 +146,8 @@ def _new_socket(
     tree: bpy.types.NodeTree, like: bpy.types.NodeSocket, side: Literal["INPUT", "OUTPUT"]
 ) -> str:
     """The identifier of a socket added to a group, after all others: keys name these by number."""
-    panels = (item for item in tree.interface.items_tree if item.item_type == "PANEL")
+    items = tree.interface.items_tree
+    panels = (item for item in items if isinstance(item, bpy.types.NodeTreeInterfacePanel))
     panel = next((item for item in panels if item.name == _PANEL), None)
     if panel is None:
         panel = tree.interface.new_panel(_PANEL, default_closed=True)

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..errors import MaterialError
+from ..known import known
 from .bake import Target, bake_sockets
 from .doubts import baked_badly
 from .evaluated import Evaluated, distinct, evaluated
@@ -199,7 +200,7 @@ def _uv_map(look: Evaluated, users: list[bpy.types.Object], reading: Reading) ->
     meshes = [look.mesh, *(user.data for user in users if user.type == "MESH")]
     if reading.uv_map and all(reading.uv_map in mesh.uv_layers for mesh in meshes):
         return reading.uv_map
-    return active_uv_map(look.mesh)
+    return known(active_uv_map(look.mesh))
 
 
 def _attribute(look: Evaluated, name: str) -> Array:

@@ -20,7 +20,7 @@ def user_count(data: bpy.types.ID) -> int:
 
     Counted anew: Blender 4.2 counts twice what a copied material uses.
     """
-    return len(bpy.data.user_map(subset={data})[data])
+    return len(bpy.data.user_map(subset=[data])[data])
 
 
 def remove_images(images: Iterable[bpy.types.Image | None]) -> None:

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ..errors import MaterialError
+from ..known import image_texture, known, tree_of
 from ..properties import frame_range
 from .bake import Target, bake_sockets
 from .cameras import FULL, TextureSize, all_the_cameras_see
@@ -119,7 +120,7 @@ def read(
             if is_constant(socket, groups)
         }
         direct = [
-            resolve(socket, groups).node
+            image_texture(resolve(socket, groups).node)
             for socket in sockets.values()
             if space.kind == "texture" and is_direct(socket, groups)
         ]
@@ -129,14 +130,14 @@ def read(
             textures = all_the_cameras_see(material, space, scene, frames, depsgraph=depsgraph)
         else:
             textures = TextureSize(size, "")
-        users = [obj] if space.kind == "uv" else showing(material, scene)
+        users = [known(obj)] if space.kind == "uv" else showing(material, scene)
         tiles = tiles_of(place.principled, space, material, users, frame)
         textured = uniform and material.tvbrdf.onset != "none"
         looks = []
         if space.reads_uv or textured:
             if space.kind == "texture":
                 users = showing(material)  # one texture serves those of other scenes, too
-            seen = distinct([obj, *users])[:_LOOKED_AT]
+            seen = distinct([known(obj), *users])[:_LOOKED_AT]
             looks = [stack.enter_context(evaluated(each, frame)) for each in seen]
             require_uv_map(looks[0], needed=not uniform)
             warnings += unwrapped_badly(looks, material, space)
@@ -167,10 +168,10 @@ def read(
             if tiles.are_one:
                 # What lies beside an island at the border is not what lies at the other border.
                 sampling = replace(sampling, extension="EXTEND")
-            target = Target(material, looks[0], uv_map, tiles, scene)
+            target = Target(material, looks[0], known(uv_map), tiles, scene)
             coverage = _bake(maps, rest, copy, target, whole, shape, frame)
             warnings += baked_badly(target, coverage)
-            warnings += shared(material, obj, scene, behind)
+            warnings += shared(material, known(obj), scene, behind)
         elif rest:
             target = Target(material, tiles=tiles, scene=scene)
             _bake(maps, rest, copy, target, whole, shape, frame)
@@ -212,7 +213,9 @@ def _whole(space: Space, direct: list[bpy.types.ShaderNodeTexImage], size: int) 
     if space.kind == "uv":
         return (size, size)
     tiled = [node for node in space.images if node.image.source == "TILED"]
-    return max((image_size(node.image) for node in direct + tiled or space.images), key=math.prod)
+    return max(
+        (image_size(known(node.image)) for node in direct + tiled or space.images), key=math.prod
+    )
 
 
 def _shrunk(whole: tuple[int, int], longer: int) -> tuple[int, int]:
@@ -234,7 +237,7 @@ def _value_at(source: bpy.types.NodeSocket, frame: int) -> list[float]:
     value = source.default_value
     values = list(value) if hasattr(value, "__len__") else [value]
     path = source.path_from_id("default_value")
-    for curve in channels(source.id_data):
+    for curve in channels(tree_of(source)):
         if curve.data_path == path and not curve.mute:
             values[curve.array_index] = curve.evaluate(frame)
     return values

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 import bpy
 
 from ..errors import MaterialError
+from ..known import known
 from .animation import AnimationBefore
 from .decode import decoded
 from .ownership import GROUP, TAG
@@ -50,9 +51,9 @@ class Link:
     @classmethod
     def of(cls, link: bpy.types.NodeLink) -> Link:
         return cls(
-            _name(link.from_node),
+            _name(known(link.from_node)),
             link.from_socket.identifier,
-            _name(link.to_node),
+            _name(known(link.to_node)),
             link.to_socket.identifier,
             link.is_muted,
         )
@@ -75,7 +76,7 @@ class SocketBefore:
     def of(cls, socket: bpy.types.NodeSocket) -> SocketBefore:
         link = Link.of(socket.links[0]) if socket.links else None
         value = getattr(socket, "default_value", None)
-        if hasattr(value, "__len__"):
+        if value is not None and hasattr(value, "__len__"):
             value = tuple(value)
         return cls(socket.node.name, socket.identifier, link, value, is_animated(socket))
 
@@ -157,8 +158,8 @@ def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
 
 def sequences(tree: bpy.types.NodeTree) -> list[bpy.types.ShaderNodeTexImage]:
     """Those of them that play textures."""
-    textures = (node for node in tagged(tree) if node.type == "TEX_IMAGE" and node.image)
-    return [node for node in textures if node.image.source == "SEQUENCE"]
+    textures = (each for each in tagged(tree) if isinstance(each, bpy.types.ShaderNodeTexImage))
+    return [node for node in textures if node.image and node.image.source == "SEQUENCE"]
 
 
 def is_live(material: bpy.types.Material) -> bool:

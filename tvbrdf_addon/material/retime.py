@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import bpy
 
-from .animation import channels, own_action, property_path
+from ..known import known
+from .animation import Animated, channels, own_action, property_path
 from .record import is_aged, keyed_sockets, load
 
 __all__ = ("keyed_range", "retime")
@@ -20,7 +21,7 @@ def retime(material: bpy.types.Material, first: int, last: int) -> None:
     if not is_aged(material) or last <= first:
         return
     own_action(material, mark=True)
-    own_action(material.node_tree, mark=True)
+    own_action(known(material.node_tree), mark=True)
     for curve in _curves(material):
         points = curve.keyframe_points
         start, end = points[0].co.x, points[-1].co.x
@@ -48,9 +49,11 @@ def keyed_range(material: bpy.types.Material) -> tuple[float, float] | None:
 
 def _curves(material: bpy.types.Material) -> Iterator[bpy.types.FCurve]:
     """Those of the age, and of sockets that are keyed themselves."""
-    record, tree = load(material, material.name), material.node_tree
+    record, tree = load(material, material.name), known(material.node_tree)
     sockets = keyed_sockets(tree, record)
-    ours = {tree: {socket.path_from_id("default_value") for socket in sockets}}
+    ours: dict[Animated, set[str]] = {
+        tree: {socket.path_from_id("default_value") for socket in sockets}
+    }
     ours[material] = {property_path(record.age)} if record.age else set()
     for owner, paths in ours.items():
         yield from (curve for curve in channels(owner) if curve.data_path in paths)

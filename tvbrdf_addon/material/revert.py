@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..errors import MaterialError
+from ..known import known
 from .age import take_age
 from .animation import own_action, remove_keys
 from .groups import originals_lost, require_ungrouped, restore_groups
@@ -21,7 +22,6 @@ from .record import (
     require_local,
     tagged,
 )
-from .trace import input_socket
 
 __all__ = ("is_aged", "revert")
 
@@ -39,7 +39,7 @@ def revert(material: bpy.types.Material, *, owner: bpy.types.Material | None = N
     name = (owner or material).name
     record = load(material, name)
     _require_fitting(material, record, name)
-    tree = material.node_tree
+    tree = known(material.node_tree)
     own_action(tree)
     _remove_animation(tree, record)
     _remove_nodes(tree)
@@ -57,11 +57,11 @@ def revert(material: bpy.types.Material, *, owner: bpy.types.Material | None = N
 def _require_fitting(material: bpy.types.Material, record: Record, name: str) -> None:
     """Raises `MaterialError` where the record speaks of another tree than the material's."""
     tree = material.node_tree
-    known = bpy.types.ShaderNodeBsdfPrincipled.bl_rna.properties["distribution"].enum_items
+    offered = bpy.types.ShaderNodeBsdfPrincipled.bl_rna.properties["distribution"].enum_items
     if (
         tree is None
         or not all(_fits(find(tree, each), each.value) for each in record.sockets)
-        or record.distribution not in (None, *known.keys())
+        or record.distribution not in (None, *offered.keys())
     ):
         raise MaterialError(
             f"What “{name}” was before ageing does not fit its nodes.",
@@ -81,7 +81,7 @@ def _fits(socket: bpy.types.NodeSocket | None, value: float | tuple[float, ...] 
         return True
     now = getattr(socket, "default_value", None)
     if isinstance(value, tuple):
-        return hasattr(now, "__len__") and len(now) == len(value)
+        return now is not None and hasattr(now, "__len__") and len(now) == len(value)
     return isinstance(now, float) or type(now) is type(value)
 
 
@@ -89,10 +89,9 @@ def _remove_animation(tree: bpy.types.NodeTree, record: Record) -> None:
     for node in tagged(tree):
         if node.type == "TEX_IMAGE":
             node.image_user.driver_remove("frame_offset")
-        elif node.type == "VALUE":
-            node.outputs[0].driver_remove("default_value")
-        elif node.type == "MIX":
-            input_socket(node, "Factor_Float").driver_remove("default_value")
+        for socket in (*node.inputs, *node.outputs):
+            if hasattr(socket, "default_value"):
+                socket.driver_remove("default_value")
     for socket in keyed_sockets(tree, record):
         remove_keys(tree, socket.path_from_id("default_value"))
 
@@ -114,7 +113,7 @@ def _restore_sockets(tree: bpy.types.NodeTree, record: Record) -> None:
         socket = find(tree, before)
         if socket is None:
             continue
-        for link in list(socket.links):
+        for link in list(known(socket.links)):
             tree.links.remove(link)
         if before.value is not None:
             socket.default_value = before.value

@@ -11,6 +11,7 @@ from typing import Literal
 import bpy
 import mathutils
 
+from ..known import known
 from .trace import POINTWISE, SOCKETS, input_socket, resolve, signature, upstream
 
 __all__ = (
@@ -45,7 +46,7 @@ class Sampling:
     def of(
         cls, image_node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node] = ()
     ) -> Sampling:
-        source = resolve(image_node.inputs["Vector"], groups)
+        source = resolve(input_socket(image_node, "Vector"), groups)
         inside = [group.node_tree for group in groups]
         return cls(
             node=source.node.name if source.is_output else None,
@@ -124,7 +125,7 @@ def looked_up_by(space: Space) -> str | None:
         return ""
     if space.images[0].projection != "FLAT":
         return None
-    match signature(space.images[0].inputs["Vector"], space.groups):
+    match signature(input_socket(space.images[0], "Vector"), space.groups):
         case ("uv", str(name)):
             return name
     return None
@@ -182,7 +183,7 @@ def _images_behind(
         source = resolve(at, groups)
         if not source.is_output:
             return True
-        node = source.node
+        node = known(source.node)
         if node.type == "TEX_IMAGE":
             found.append(node)
             return True
@@ -211,15 +212,16 @@ def _lookup(
     node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node]
 ) -> tuple[object, ...]:
     blend = node.projection_blend if node.projection == "BOX" else 0.0
-    return (signature(node.inputs["Vector"], groups), node.projection, blend, node.extension)
+    return (signature(input_socket(node, "Vector"), groups), node.projection, blend, node.extension)
 
 
 def _is_on_the_uv_map(node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node]) -> bool:
-    return node.projection == "FLAT" and signature(node.inputs["Vector"], groups) == ("uv", "")
+    looked_up_by = signature(input_socket(node, "Vector"), groups)
+    return node.projection == "FLAT" and looked_up_by == ("uv", "")
 
 
 def _looks_up_uv(node: bpy.types.ShaderNodeTexImage, groups: Sequence[bpy.types.Node]) -> bool:
-    vector = node.inputs["Vector"]
+    vector = input_socket(node, "Vector")
     if not resolve(vector, groups).is_output:
         return True
     return any(

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..errors import MaterialError
+from ..known import known
 from .ownership import TAG, user_count
 from .pixels import Array, image_pixels, set_as_data
 from .trace import input_socket
@@ -38,15 +39,16 @@ class Fade:
         stills: Mapping[bpy.types.ShaderNodeTexImage, str],
     ) -> Fade:
         sockets = (input_socket(node, name) for name in ("A_Color", "B_Color"))
-        sources = [socket.links[0].from_node for socket in sockets if socket.is_linked]
-        known = [each for each in sources if each.type == "TEX_IMAGE" and each.image is not None]
-        ours = node.blend_type == "MIX" and all(TAG in each for each in known)
-        if len(known) < 2 or not ours:
+        sources = [known(socket.links)[0].from_node for socket in sockets if socket.is_linked]
+        images = (each for each in sources if isinstance(each, bpy.types.ShaderNodeTexImage))
+        playing = [each for each in images if each.image is not None]
+        ours = node.blend_type == "MIX" and all(TAG in each for each in playing)
+        if len(playing) < 2 or not ours:
             return cls(node, factor, None, None)
-        even, odd = known
+        even, odd = playing
         if not 0 < factor < 1:
             return cls(node, factor, (even, odd), None)
-        a, b = (_pixels(each.image, stills.get(each)) for each in known)
+        a, b = (_pixels(known(each.image), stills.get(each)) for each in playing)
         mixed = (1 - factor) * a + factor * b if a.shape == b.shape else None
         return cls(node, factor, (even, odd) if mixed is not None else None, mixed)
 
@@ -61,10 +63,10 @@ class Fade:
         if self.mixed is not None:
             _replace(seen, _packed(seen.image.name, self.mixed))
         result = next(each for each in self.node.outputs if each.identifier == "Result_Color")
-        for link in list(result.links):
-            tree.links.new(seen.outputs["Color"], link.to_socket)
+        for link in list(known(result.links)):
+            tree.links.new(known(seen.outputs)["Color"], known(link.to_socket))
         tree.nodes.remove(self.node)
-        if not any(output.is_linked for output in unseen.outputs):
+        if not any(output.is_linked for output in known(unseen.outputs)):
             _replace(unseen, None)
             tree.nodes.remove(unseen)
 
@@ -82,7 +84,7 @@ def still(image: bpy.types.Image, number: int) -> str:
 
 
 def show(node: bpy.types.ShaderNodeTexImage, path: str) -> None:
-    if user_count(node.image) > 1 or node.image.library:  # a copy of the material plays it
+    if user_count(known(node.image)) > 1 or node.image.library:  # a copy of the material plays it
         node.image = node.image.copy()
         node.image[TAG] = 1
     node.image.source = "FILE"
@@ -91,7 +93,7 @@ def show(node: bpy.types.ShaderNodeTexImage, path: str) -> None:
 
 def _replace(node: bpy.types.ShaderNodeTexImage, image: bpy.types.Image | None) -> None:
     """Gives a node another image; one of ours that nothing shows any more goes."""
-    old, node.image = node.image, image
+    old, node.image = known(node.image), image
     if TAG in old and user_count(old) == 0:
         bpy.data.images.remove(old)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import bpy
 
 from ..errors import MaterialError
+from ..known import known, tree_of
 from .trace import Principled, input_socket, is_animated, resolve
 
 __all__ = ("Place", "find_principled", "why_not_in_eevee")
@@ -45,7 +46,7 @@ class Place:
     @property
     def trees(self) -> tuple[bpy.types.NodeTree, ...]:
         """The trees on the way to it, the material's own first and its own last."""
-        return (self.output.id_data, *(group.node_tree for group in self.groups))
+        return (tree_of(self.output), *(group.node_tree for group in self.groups))
 
 
 def find_principled(
@@ -65,7 +66,11 @@ def find_principled(
             "add one and connect a Principled BSDF to it.",
         )
     shaders = list(_shaders(output.inputs["Surface"]))
-    found = [Place(output, *each) for each in shaders if each[0].type == "BSDF_PRINCIPLED"]
+    found = [
+        Place(output, shader, groups)
+        for shader, groups in shaders
+        if isinstance(shader, Principled)
+    ]
     working = [place for place in found if not place.principled.mute]
     if len(working) == 1:
         return working[0]
@@ -80,6 +85,9 @@ def find_principled(
     source = resolve(output.inputs["Surface"])
     if not source.is_output:
         raise MaterialError(f"Nothing is connected to the surface of {name}:", wanted)
+    if source.node.mute:
+        shown = source.node.label or source.node.name
+        raise MaterialError(f"“{shown}”, which is the surface of {name}, is muted:", "unmute it.")
     shows = _NAMES.get(source.node.type, f"the node {source.node.bl_label}")
     without = " without a Principled BSDF" if source.node.type in _MIXES else ""
     raise MaterialError(f"The surface of {name} is {shows}{without}, which cannot be aged:", wanted)
@@ -119,7 +127,7 @@ def _shaders(surface: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, _G
         source = resolve(at) if at is not None else None
         if source is None or not source.is_output:
             return
-        node = source.node
+        node = known(source.node)
         key = (node.as_pointer(), source.as_pointer(), *(each.as_pointer() for each in groups))
         if key in seen:
             return
@@ -128,7 +136,7 @@ def _shaders(surface: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, _G
             if groups:
                 yield from walk(_like(groups[-1].inputs, source), groups[:-1])
         elif node.type == "GROUP":
-            if node.node_tree is not None and len(groups) < _DEEPEST:
+            if node.node_tree is not None and not node.mute and len(groups) < _DEEPEST:
                 for end in node.node_tree.nodes:
                     if end.type == "GROUP_OUTPUT" and end.is_active_output:
                         yield from walk(_like(end.inputs, source), (*groups, node))
@@ -158,6 +166,6 @@ def _mixed(node: bpy.types.Node, groups: _Groups) -> Sequence[bpy.types.NodeSock
 
 
 def _like(
-    sockets: Sequence[bpy.types.NodeSocket], wanted: bpy.types.NodeSocket
+    sockets: bpy.types.NodeInputs, wanted: bpy.types.NodeSocket
 ) -> bpy.types.NodeSocket | None:
     return next((each for each in sockets if each.identifier == wanted.identifier), None)

@@ -7,6 +7,8 @@ from typing import TypeAlias
 
 import bpy
 
+from ..known import known, tree_of
+
 __all__ = (
     "POINTWISE",
     "SOCKETS",
@@ -59,10 +61,11 @@ def resolve(
     value.
     """
     while not socket.is_output:
-        link = next((each for each in socket.links if not each.is_muted and each.is_valid), None)
+        links = known(socket.links)
+        link = next((each for each in links if not each.is_muted and each.is_valid), None)
         if link is None:
             return socket
-        source = link.from_socket
+        source = known(link.from_socket)
         node = source.node
         if node.type == "REROUTE" and node.inputs[0].is_linked:
             socket = node.inputs[0]
@@ -72,7 +75,7 @@ def resolve(
             through = [each for each in node.internal_links if each.to_socket == source]
             if not through:
                 return source
-            socket = through[0].from_socket
+            socket = known(through[0].from_socket)
         else:
             return source
     return socket
@@ -103,7 +106,7 @@ def upstream(
         source = resolve(at)
         if not source.is_output:
             return
-        node = source.node
+        node = known(source.node)
         depth = tuple(group.as_pointer() for group in groups)
         key = (node.as_pointer(), source.identifier, depth)
         if key in seen:
@@ -140,7 +143,7 @@ def signature(
             return ("uv", "")
         value = source.default_value
         return ("value", tuple(value) if hasattr(value, "__len__") else value)
-    node = source.node
+    node = known(source.node)
     if node.type == "UVMAP" and not node.from_instancer:
         return ("uv", node.uv_map)
     if node.type == "TEX_COORD" and source.name == "UV" and not node.from_instancer:
@@ -166,7 +169,7 @@ def is_animated(at: bpy.types.Node | bpy.types.NodeSocket) -> bool:
     from .animation import channels
 
     prefix = at.path_from_id()
-    curves = [*channels(at.id_data), *data.drivers]
+    curves = [*channels(tree_of(at)), *data.drivers]
     return any(
         curve.data_path == prefix or curve.data_path.startswith((prefix + ".", prefix + "["))
         for curve in curves

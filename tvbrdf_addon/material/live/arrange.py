@@ -15,7 +15,7 @@ _WIDTHS = {"VALTORGB": 240, "TEX_IMAGE": 240, "GROUP": 220}
 _HEIGHTS = {"VALTORGB": 230, "TEX_IMAGE": 290, "ATTRIBUTE": 170, "GROUP": 300}
 _WIDTH, _COLLAPSED = 140, 46
 
-_Pairs = Iterable[tuple[bpy.types.Node, bpy.types.Node]]
+_Pairs = Iterable[tuple[bpy.types.Node | None, bpy.types.Node | None]]
 
 
 def arrange(tree: bpy.types.NodeTree) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import bpy
 
 from ....model_runtime.live.evaluate import COEFFICIENTS_A_FILE, ROUGHNESS_MIN, Curves
+from ...known import image_texture
 from ..result import LiveFiles
 from .arrange import arrange
 from .formula import Canvas, Number, Triple, greater, where, where3
@@ -66,7 +67,7 @@ def aged_group(
     def texture(path: Path, label: str) -> Triple:
         at = (canvas.triple("Vector"),) if vector else ()
         node = canvas.add("ShaderNodeTexImage", *at, label=label)
-        load(node, path)
+        load(image_texture(node), path)
         return Triple(canvas, node.outputs["Color"])
 
     local = _local_age(canvas, age, maps.timing, texture)
@@ -135,12 +136,16 @@ def _changed(
                 shares = texture(path, "Coefficients").channels()
         with canvas.stage(f"Change {number + 1}"):
             change = _curves(canvas, local, shape)
-            changes.append(_State(*(each * shares[channel] for each in change)))
+            share = shares[channel]
+            changes.append(_State(change.kd * share, change.ks * share, change.roughness * share))
     with canvas.stage("Gain · authored + offset + changes"):
         for plus in changes:
-            offset = _State(*(a + b for a, b in zip(offset, plus, strict=True)))
+            kd, ks = offset.kd + plus.kd, offset.ks + plus.ks
+            offset = _State(kd, ks, offset.roughness + plus.roughness)
         return _State(
-            *(each.scaled(by, plus) for each, by, plus in zip(state, gain, offset, strict=True))
+            state.kd.scaled(gain.kd, offset.kd),
+            state.ks.scaled(gain.ks, offset.ks),
+            state.roughness.scaled(gain.roughness, offset.roughness),
         )
 
 
@@ -162,7 +167,8 @@ def _ramp(canvas: Canvas, local: Number, curve: Array, label: str) -> tuple[Trip
         element.color = value
     *span, alpha_span = stops.span
     *least, alpha_least = stops.least
-    color = Triple(canvas, node.outputs["Color"]).scaled(tuple(span), tuple(least))
+    factor, offset = (span[0], span[1], span[2]), (least[0], least[1], least[2])
+    color = Triple(canvas, node.outputs["Color"]).scaled(factor, offset)
     return color, Number(canvas, node.outputs["Alpha"]).scaled(alpha_span, alpha_least)
 
 

@@ -48,11 +48,15 @@ def new_group(name: str, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> b
     """An empty group of ours with those sockets."""
     group = bpy.data.node_groups.new(name, "ShaderNodeTree")
     group[GROUP] = 1
-    for side, names in (("INPUT", inputs), ("OUTPUT", outputs)):
-        for each in names:
-            kind = _TYPES.get(each, "NodeSocketFloat")
-            group.interface.new_socket(each, in_out=side, socket_type=kind)
+    for each in inputs:
+        group.interface.new_socket(each, in_out="INPUT", socket_type=_type(each))
+    for each in outputs:
+        group.interface.new_socket(each, in_out="OUTPUT", socket_type=_type(each))
     return group
+
+
+def _type(name: str) -> str:
+    return _TYPES.get(name, "NodeSocketFloat")
 
 
 def _shared(
@@ -132,7 +136,7 @@ def _read_back(canvas: Canvas) -> dict[str, Number | Triple]:
         metallic = where(in_gap, where(down, other, least), metallic).minimum(most).clamp()
     with canvas.stage("F0 and the specular level"):
         q = 1.0 - metallic
-        untinted = tint.minimum(one).ceil().scaled((-_FAR,) * 3, (_FAR,) * 3)
+        untinted = tint.minimum(one).ceil().scaled((-_FAR, -_FAR, -_FAR), (_FAR, _FAR, _FAR))
         share = (ks / tint + untinted).least()
         f0 = ((along * q - kd_along) / q.square()).minimum(share / q)
         f0 = f0.maximum(0.0).minimum(most_f0)
@@ -149,7 +153,8 @@ def _read_back(canvas: Canvas) -> dict[str, Number | Triple]:
 
 def _exact(canvas: Canvas) -> dict[str, Number | Triple]:
     with canvas.stage("Specular Tint = Ks / 0.8,  Base Color = Kd / (1 - max Ks)"):
-        ks = canvas.triple("Ks").maximum((0.0, 0.0, 0.0)).minimum((EXACT_F0,) * 3)
+        most, per_f0 = (EXACT_F0, EXACT_F0, EXACT_F0), 1 / EXACT_F0
+        ks = canvas.triple("Ks").maximum((0.0, 0.0, 0.0)).minimum(most)
         base = canvas.triple("Kd") * (1.0 / (1.0 - ks.largest()))
         base = base.maximum((0.0, 0.0, 0.0)).minimum((1.0, 1.0, 1.0))
-        return {"Base Color": base, "Specular Tint": ks * ((1 / EXACT_F0,) * 3)}
+        return {"Base Color": base, "Specular Tint": ks * (per_f0, per_f0, per_f0)}

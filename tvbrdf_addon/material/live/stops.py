@@ -11,7 +11,7 @@ __all__ = ("MOST", "Stops", "stops_of")
 
 MOST = 32
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
