@@ -53,7 +53,7 @@ _NOT_LIVE = (
 
 @dataclass(frozen=True)
 class AgeRequest:
-    """What to age, how and where to; the fields are the options of the command line (DESIGN.md)."""
+    """What to age, how and where to: the options of the command line (docs/design.md)."""
 
     input: Path
     ntm: str

@@ -51,7 +51,7 @@ class _SizedMaps:
 
 @dataclass(frozen=True)
 class TorranceSparrowMaps(_SizedMaps):
-    """f = Kd / pi + Ks D G / (4 cos_i cos_o) per texel (DESIGN.md, Conventions).
+    """f = Kd / pi + Ks D G / (4 cos_i cos_o) per texel (docs/design.md, Conventions).
 
     kd:     [H, W, 3] diffuse albedo
     ks:     [H, W, 3] specular strength, flat Fresnel

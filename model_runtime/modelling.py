@@ -54,7 +54,7 @@ EFFORTS = {
     "balanced": Effort(),
     "exact": Effort(step=0.0, most=0, checked=False, samples=16_200, fit=USUAL),
 }
-"""What each quality (DESIGN.md, command line) means."""
+"""What each quality (docs/design.md, command line) means."""
 
 
 def model_texels(

@@ -70,7 +70,7 @@ def test_threads_change_nothing(floats, tmp_path: Path, rung: str):
 
 def displayed(maps: dict[str, np.ndarray]) -> np.ndarray:
     """(1 - exp(-2 pi f))^(1/2.8) of Torrance-Sparrow maps, mirror-like pairs of directions at
-    several half vectors, in float64 by DESIGN.md's formula.
+    several half vectors, in float64 by docs/design.md's formula.
     """
     kd, ks, alpha = (maps[name].astype(float) for name in TORRANCE_SPARROW)
     alpha = np.clip(alpha, 1e-4, 1)[..., None]

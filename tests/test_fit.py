@@ -22,7 +22,7 @@ LEAST = float(np.float32(1e-4))
 
 
 def reflectance(kd: ArrayLike, ks: ArrayLike, alpha: ArrayLike, angles: torch.Tensor) -> np.ndarray:
-    """f of DESIGN.md for kd, ks [N, 3], alpha [N]: float64 [N, M, 3], in numpy."""
+    """f of docs/design.md for kd, ks [N, 3], alpha [N]: float64 [N, M, 3], in numpy."""
     kd, ks = (np.atleast_2d(np.asarray(x, float)) for x in (kd, ks))
     alpha = np.atleast_1d(np.asarray(alpha, float))[:, None]
     cos_i, cos_o = (w[:, 2].numpy() for w in directions(angles.double()))

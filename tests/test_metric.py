@@ -1,4 +1,4 @@
-"""The metric: a sphere under real light, as DESIGN.md pins it."""
+"""The metric: a sphere under real light, as docs/design.md pins it."""
 
 from __future__ import annotations
 

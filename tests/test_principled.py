@@ -1,4 +1,4 @@
-"""The two mappings between Torrance-Sparrow and Principled: promises of DESIGN.md."""
+"""The two mappings between Torrance-Sparrow and Principled: promises of docs/design.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torrance-Sparrow: f = Kd/pi + Ks D G / (4 cos_i cos_o) of DESIGN.md, in plain float64 numpy."""
+"""Torrance-Sparrow: f = Kd/pi + Ks D G / (4 cos_i cos_o) of docs/design.md, in float64 numpy."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ class Progress:
     """Small lit spheres of MERL seen (every fourth material), MERL held out and RGL.
 
     `sets`: name to (materials, their rendered truth [n, E, P, 3]). Coarser than the metric of
-    DESIGN.md, and quick enough to be looked at twenty times in a run.
+    docs/design.md, and quick enough to be looked at twenty times in a run.
     """
 
     sphere: Sphere

@@ -1,4 +1,4 @@
-"""Between Blender's Principled BSDF and Torrance-Sparrow, both ways (DESIGN.md, Two mappings).
+"""Between Blender's Principled BSDF and Torrance-Sparrow, both ways (docs/design.md, Two mappings).
 
 *As authored*: `forward` reads the sockets as Torrance-Sparrow parameters and `read_back` finds the
 sockets that give aged parameters and otherwise stay nearest to what the artist set. It extends the

@@ -1,4 +1,4 @@
-"""The Torrance-Sparrow BRDF with GGX distribution and flat Fresnel (DESIGN.md, Conventions)."""
+"""The Torrance-Sparrow BRDF with GGX and flat Fresnel (docs/design.md, Conventions)."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ SUN = 4.0
 
 
 def psnr(one: np.ndarray, other: np.ndarray) -> float:
-    """In dB on the tone-mapped scale of DESIGN.md, (1 - exp(-2 v))^(1 / 2.8)."""
+    """In dB on the tone-mapped scale of docs/design.md, (1 - exp(-2 v))^(1 / 2.8)."""
     tones = [(1 - np.exp(-2 * np.maximum(v, 0))) ** (1 / 2.8) for v in (one, other)]
     error = float(((tones[0] - tones[1]) ** 2).mean())
     return 100.0 if error == 0 else -10 * np.log10(error)
@@ -160,7 +160,7 @@ def test_frame_one_of_a_baked_material_is_its_bake(tmp_path):
 
 
 def torrance_sparrow(kd, ks, alpha, wi, wo) -> np.ndarray:
-    """f cos_i of DESIGN.md's formula for one pair of directions, n = +z: [H, W, 3]."""
+    """f cos_i of docs/design.md's formula for one pair of directions, n = +z: [H, W, 3]."""
     half = (wi + wo) / np.linalg.norm(wi + wo)
     cos_i, cos_o, cos_h = wi[2], wo[2], half[2]
     a2 = (alpha**2)[..., None]

@@ -1,4 +1,4 @@
-"""The metric's spot check (DESIGN.md, Conventions): its PSNR against that of Cycles renders.
+"""The metric's spot check (docs/design.md, Conventions): its PSNR against that of Cycles renders.
 
 Ten materials, each with an estimate of it, are scored by the metric and rendered in Cycles under
 the metric's three maps: as they are (1024 x 512), and averaged as the metric averages them but

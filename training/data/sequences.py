@@ -40,7 +40,7 @@ Array = NDArray[np.float32]
 Crop = tuple[slice, slice]
 
 ALPHA_RANGE = (1e-4, 1.0)
-"""alpha outside it cannot be rendered; Kd and Ks must be at least 0 (DESIGN.md, conventions)."""
+"""alpha outside it cannot be rendered; Kd and Ks must be at least 0 (docs/design.md)."""
 
 MOST_TEXELS = 1 << 28
 """Of a map in all frames: 36 of 2,730 x 2,730, which take 3 GB."""

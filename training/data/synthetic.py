@@ -31,7 +31,7 @@ def from_pbr(folder: Path, patch: Crop) -> TorranceSparrowMaps:
     """Initial maps from an ambientCG material (`<Asset>_1K-JPG_Color.jpg` and `_Roughness.jpg`).
 
     Kd = linear Color, Ks = 0.35 + 0.3 (1 - Roughness) in every channel, alpha = Roughness^2
-    (DESIGN.md, conventions: the paper does not say). `patch` keeps (rows, columns). Raises
+    (docs/design.md, conventions: the paper does not say). `patch` keeps (rows, columns). Raises
     `InputError` for a missing map or a patch outside it.
     """
     color, roughness = (

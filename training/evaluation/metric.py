@@ -1,4 +1,4 @@
-"""The metric of the paper's section 4.2 as DESIGN.md pins it: PSNR of a sphere under real light."""
+"""The paper's metric (section 4.2) as docs/design.md pins it: PSNR of a sphere under real light."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def evaluate_representation(
     """Score `methods` (default: all) on `sets`; write `representation.json`, `.md` and pictures to
     `output`.
 
-    PSNR in dB on the metric of DESIGN.md with spheres `pixels` wide. `limit` keeps that many
+    PSNR in dB on the metric of docs/design.md with spheres `pixels` wide. `limit` keeps that many
     uniform materials of each set. What NBRDF learns and what has been rendered stays in
     `output`/kept, so that the next call, or one after an interruption, is quick. `weights` is the
     folder of the rivals' trained weights. Raises `UsageError` for methods and sets that do not

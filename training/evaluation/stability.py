@@ -54,8 +54,8 @@ def evaluate_stability(
     """Put `methods` under `stresses` (default: all of `EVERY` and `STRESSES`); write
     `stability.json`, `.md` and `.png` to `output`.
 
-    PSNR in dB on the metric of DESIGN.md, as in `evaluate_synthesis`: textures `pixels` wide, dear
-    methods scored on every `stride`-th row and column. What is learned and scored stays in
+    PSNR in dB on the metric of docs/design.md, as in `evaluate_synthesis`: textures `pixels` wide,
+    dear methods scored on every `stride`-th row and column. What is learned and scored stays in
     `output`/kept, so that the next call, or one after an interruption, is quick. `weights` is the
     folder of the rivals' encoders; ours is the bundled one, as `age` uses no other.
     Raises `UsageError` for methods and stresses that do not exist, `ModelFileError` for weights
