@@ -188,6 +188,48 @@ def baked_square(material, size: tuple[int, int]) -> np.ndarray:
     return maps["Base Color"]
 
 
+def test_a_sequence_is_read_whose_files_do_not_begin_at_0(tmp_path):
+    for number in (1, 2):
+        frame = image(f"frame {number}", np.full((4, 8, 3), number / 4, np.float32))
+        frame.filepath_raw, frame.file_format = str(tmp_path / f"film_{number:04d}.png"), "PNG"
+        frame.save()
+    material = new_material()
+    film = bpy.data.images.load(str(tmp_path / "film_0001.png"))
+    film.source, film.colorspace_settings.name = "SEQUENCE", "Non-Color"
+    node = add(material, "ShaderNodeTexImage", image=film)
+    node.image_user.frame_duration, node.image_user.use_auto_refresh = 2, True
+    link(material, node.outputs["Color"], "Base Color")
+    reading = read(material, plane(material), tmp_path)
+    assert reading.size == (4, 8)
+    first = round(255 / 4) / 255  # as 8 bits hold it
+    np.testing.assert_allclose(read_maps(tmp_path / "maps")["BaseColor"], first, atol=1e-3)
+
+
+def test_beside_a_clipped_image_the_rest_of_the_material_is_read_too(tmp_path):
+    material = new_material()
+    principled_of(material).inputs["Roughness"].default_value = 0.75
+    node = textured(material, np.full((8, 8, 3), 0.5, np.float32), extension="CLIP")
+    mapping = add(material, "ShaderNodeMapping")
+    mapping.inputs["Scale"].default_value = (2, 2, 2)
+    coordinates = add(material, "ShaderNodeTexCoord")
+    material.node_tree.links.new(coordinates.outputs["UV"], mapping.inputs["Vector"])
+    material.node_tree.links.new(mapping.outputs["Vector"], node.inputs["Vector"])
+    reading = read(material, plane(material), tmp_path)
+    assert reading.sampling.extension != "CLIP"  # there aged roughness would be 0
+    color = read_maps(tmp_path / "maps")["BaseColor"]
+    height, width = color.shape[:2]
+    assert color[height * 3 // 4, width // 4, 0] == pytest.approx(0.5, abs=3e-3)
+    assert color[height // 4, width * 3 // 4, 0] == 0
+
+
+def test_an_image_of_one_texel_leaves_room_for_a_pattern(tmp_path):
+    material = new_material()
+    textured(material, np.full((1, 1, 3), 0.5, np.float32))
+    reading = read(material, plane(material), tmp_path)
+    assert min(reading.size) > 1
+    np.testing.assert_allclose(read_maps(tmp_path / "maps")["BaseColor"], 0.5, atol=2e-3)
+
+
 def test_generated_coordinates_need_no_uvs(tmp_path):
     material = new_material()
     node = textured(material, RNG.random((4, 4, 3)), projection="BOX", projection_blend=0.3)

@@ -50,8 +50,8 @@ def evaluate_synthesis(
     """Score `methods` on `cases` (default: all of `METHODS` and `CASES`); write `synthesis.json`,
     `.md` and pictures to `output`; of all cases also what the bundled NTMs do to real materials.
 
-    PSNR in dB on the metric of docs/design.md: textures `pixels` wide, a texel a pixel. Methods that
-    decode latents are scored on every `stride`-th row and column of the sphere and every fifth
+    PSNR in dB on the metric of docs/design.md: textures `pixels` wide, a texel a pixel. Methods
+    that decode latents are scored on every `stride`-th row and column of the sphere and every fifth
     frame. What is learned and scored stays in `output`/kept, cell by cell, so that the next call,
     or one after an interruption, is quick. `encoder` is ours, `weights` the folder of the rivals',
     `models` that of the NTMs whose domains are judged.

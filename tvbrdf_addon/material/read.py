@@ -206,16 +206,17 @@ def _whole(space: Space, direct: list[bpy.types.ShaderNodeTexImage], size: int) 
     """The size at which nothing is lost: that of the largest image, read as it is if there is one,
     or the largest tile.
 
-    Where no image sets it, `size`.
+    Where no image sets it, `size`; one of a single texel is a plain color, which does not.
     """
     if space.kind == "uniform":
         return (1, 1)
     if space.kind == "uv":
         return (size, size)
     tiled = [node for node in space.images if node.image.source == "TILED"]
-    return max(
+    whole = max(
         (image_size(known(node.image)) for node in direct + tiled or space.images), key=math.prod
     )
+    return (size, size) if whole == (1, 1) else whole
 
 
 def _shrunk(whole: tuple[int, int], longer: int) -> tuple[int, int]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import bpy
+import imbuf
 import mathutils
 
 from ..known import known
@@ -95,7 +98,6 @@ def choose_space(
     """
     sockets = [input_socket(principled, identifier) for identifier in SOCKETS.values()]
     images: dict[int, bpy.types.ShaderNodeTexImage] = {}
-    derived = False
     groups = tuple(groups)
     for socket in sockets:
         if is_constant(socket, groups):
@@ -103,13 +105,13 @@ def choose_space(
         behind = _images_behind(socket, groups)
         if behind is None:
             return Space("uv", groups=groups)
-        derived |= not is_direct(socket, groups)
         images.update({node.as_pointer(): node for node in behind})
     if not images:
         return Space("uniform", groups=groups)
     nodes = tuple(images.values())
     looked_up = {_lookup(node, groups) for node in nodes}
-    if len(looked_up) > 1 or (derived and nodes[0].extension == "CLIP"):
+    # Beside an image that is clipped there is a surface, which no texture of its own would reach.
+    if len(looked_up) > 1 or nodes[0].extension == "CLIP":
         return Space("uv", groups=groups)
     if painted and not _is_on_the_uv_map(nodes[0], groups):
         return Space("uv", groups=groups)
@@ -135,6 +137,8 @@ def image_sizes(image: bpy.types.Image) -> set[tuple[int, int]]:
     """The sizes (height, width) of an image's tiles, of which most have one; without those that
     cannot be loaded.
     """
+    if image.source == "SEQUENCE":
+        return _size_of_first(image)
     of = image.tiles if image.source == "TILED" else (image,)
     return {(each.size[1], each.size[0]) for each in of if min(each.size) > 0}
 
@@ -142,6 +146,28 @@ def image_sizes(image: bpy.types.Image) -> set[tuple[int, int]]:
 def image_size(image: bpy.types.Image) -> tuple[int, int]:
     """The size (height, width) of an image, or its largest tile; 0 where it cannot be loaded."""
     return max(image_sizes(image), key=math.prod, default=(0, 0))
+
+
+def _size_of_first(image: bpy.types.Image) -> set[tuple[int, int]]:
+    """That of the file that a sequence is named by.  Asked itself, Blender looks for frame 0, which
+    few have.
+    """
+    path = Path(bpy.path.abspath(image.filepath, library=image.library))
+    try:
+        size = _size_of_file(path, path.stat().st_mtime_ns)
+    except (OSError, ValueError):
+        return set()
+    return {size}
+
+
+@functools.lru_cache
+def _size_of_file(path: Path, _changed: int) -> tuple[int, int]:
+    loaded = imbuf.load(str(path))
+    try:
+        width, height = loaded.size
+    finally:
+        loaded.free()
+    return height, width
 
 
 def is_constant(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = ()) -> bool:
