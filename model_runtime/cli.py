@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from . import serve
 from .console import Terminal, fill_closed_streams, flush, log_of, say, write_out
 from .errors import Cancelled, OutputError, TvbrdfError, UsageError
-from .memory import ran_out_of_memory
+from .memory import memory_in_words
 from .request import CHOICES, MOST_FRAMES, cards, load_age, option, request_from
 from .signals import EndedBySignal, EndingSignals
 
@@ -44,7 +44,8 @@ def _run(argv: Sequence[str] | None, ending: EndingSignals) -> int:
         arguments = _parser().parse_args(argv)
         if stdout_is_closed and getattr(arguments, "json", False):
             raise OutputError("Standard output is closed.", "--json needs one to print on.")
-        arguments.run(arguments, ending)
+        with memory_in_words("Close other programs."):
+            arguments.run(arguments, ending)
     except SystemExit as end:  # of argparse, which has said why; or nobody listens any more
         return int(end.code or 0)
     except Cancelled:
@@ -53,10 +54,7 @@ def _run(argv: Sequence[str] | None, ending: EndingSignals) -> int:
         say(f"model_runtime: {error}")
         return 2 if isinstance(error, UsageError) else 1
     except Exception as error:
-        if ran_out_of_memory(error):
-            say("model_runtime: There is not enough memory. Close other programs.")
-        else:
-            say(f"model_runtime: This should not happen ({type(error).__name__}). {log_of(error)}")
+        say(f"model_runtime: This should not happen ({type(error).__name__}). {log_of(error)}")
         return 1
     return 0
 

@@ -1,4 +1,4 @@
-"""Memory that runs out, in words, whichever library it was that ran out."""
+"""How much memory a process has held, and what to say where it runs out, in whichever library."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import errno
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from .errors import OutOfMemoryError, TvbrdfError
 
-__all__ = ("check_limits", "memory_in_words", "ran_out_of_memory")
+__all__ = ("check_limits", "memory_in_words", "peak_rss_mb", "ran_out_of_memory")
 
 _MESSAGE = "There is not enough memory."
 _OUT_OF_MEMORY = re.compile(
@@ -56,3 +57,17 @@ def check_limits() -> None:
         allowed, _ = resource.getrlimit(limit)
         if 0 <= allowed < least:
             raise OutOfMemoryError(_MESSAGE, "Allow this process more.")
+
+
+def peak_rss_mb() -> float | None:
+    """The most memory this process has held so far, in MB; None where the system does not tell."""
+    # Linux counts in ru_maxrss what the parent held when it started this process.
+    status = Path("/proc/self/status")
+    if status.exists():
+        held = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        return round(int(held["VmHWM"].split()[0]) / (1 << 10), 1)
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20), 1)

@@ -26,7 +26,7 @@ from typing import Any, BinaryIO, TextIO
 
 from . import __version__
 from .errors import Cancelled, TvbrdfError, UsageError, reason, shown
-from .memory import ran_out_of_memory
+from .memory import memory_in_words
 from .request import MissingLibraryError, cards, load_age, request_from
 
 __all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "claim_stdout", "serve")
@@ -167,8 +167,9 @@ class Server:
     def _answer(self, request_id: Any, compute: Callable[[], Any]) -> None:
         """Reply with what `compute` returns, or why it does not."""
         try:
-            reply = {"type": "done", "result": compute()}
-            json.dumps(reply)
+            with memory_in_words("Choose a smaller size or fewer frames."):
+                reply = {"type": "done", "result": compute()}
+                json.dumps(reply)
         except TvbrdfError as error:
             reply = _error(error.code, error.message, error.hint)
         except Exception as error:
@@ -261,12 +262,6 @@ def _cards(args: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _unforeseen(error: Exception) -> dict[str, Any]:
-    if ran_out_of_memory(error):
-        return _error(
-            "memory",
-            "There is not enough memory for this run.",
-            "Choose a smaller size or fewer frames.",
-        )
     reply = _error(
         "internal", f"This should not happen ({type(error).__name__}: {reason(error)}).", ""
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -22,10 +21,8 @@ from .images import read_image, resize
 from .inputs import Material
 from .maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 from .onset import onset_map, rate_map
+from .run import AgeRequest
 from .temporal.ntm import NeuralTemporalModel
-
-if TYPE_CHECKING:
-    from .age import AgeRequest
 
 __all__ = ("Texels", "authored_texels", "initial_states", "timing_maps")
 

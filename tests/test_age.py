@@ -374,7 +374,7 @@ class TestInputThatChanges:
         self, source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keeps_times: bool
     ):
         """Also by a file of the same length and date."""
-        from model_runtime import age as ageing
+        from model_runtime import start
 
         def read_and_replace(path: Path, **options: Any):
             material = read_input(path, **options)
@@ -384,8 +384,8 @@ class TestInputThatChanges:
             other.replace(path / "Metallic.exr")
             return material
 
-        read_input = ageing.read_input
-        monkeypatch.setattr(ageing, "read_input", read_and_replace)
+        read_input = start.read_input
+        monkeypatch.setattr(start, "read_input", read_and_replace)
         with pytest.raises(InputError, match=r"Metallic\.exr changed while it was read"):
             run(source, tmp_path / "out", frames=2)
         assert not (tmp_path / "out").exists()

@@ -305,10 +305,7 @@ def test_running_out_of_memory_is_said_and_survived(tmp_path: Path, raised: str)
     child.reply()
     child.send({"id": 1, "verb": "age", "args": age(tmp_path)})
     (error,) = child.answers(1)
-    assert (error["code"], error["message"]) == (
-        "memory",
-        "There is not enough memory for this run.",
-    )
+    assert (error["code"], error["message"]) == ("memory", "There is not enough memory.")
     child.send({"id": 5, "verb": "info"})
     assert child.answers(5)[-1]["type"] == "done"
     child.process.kill()

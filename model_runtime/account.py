@@ -1,0 +1,82 @@
+"""What a run says of itself: the content of `aged.json`."""
+
+from __future__ import annotations
+
+import dataclasses
+import shlex
+from collections.abc import Sequence
+from typing import Any
+
+from . import __version__
+from .compose import AgedTexels
+from .live.fitting import Fitted
+from .memory import peak_rss_mb
+from .run import AgeRequest, Run
+from .savings import savings
+from .start import Start
+from .writing import Format
+
+__all__ = ("account_of",)
+
+
+def account_of(
+    run: Run,
+    start: Start,
+    modelled: AgedTexels,
+    live: Fitted | None,
+    *,
+    rung: str,
+    interval: int,
+    format: Format,
+    times: Sequence[float],
+    files: dict[str, Any],
+) -> dict[str, Any]:
+    """What `aged.json` holds of a run that wrote `files`.
+
+    Every `interval`-th frame was aged; `live` stands for all frames where it is not None.
+    """
+    request = run.request
+    return {
+        "format": format,
+        "binding": "frames" if live is None else "live",
+        "coefficients": 0 if live is None else live.coefficients,
+        "ntm": start.models.ntm.card.name,
+        "frames": request.frames,
+        "times": [round(time, 6) for time in times],
+        "size": list(start.size),
+        "quality": request.quality,
+        "temporal_model": rung,
+        "palette": len(modelled.palette.entries),
+        "plan": savings(
+            texels=len(modelled.initial),
+            modelled=len(modelled.palette.entries),
+            interval=interval,
+            files=files,
+            coefficients=None if live is None else live.coefficients,
+            not_live=start.may_be_live and live is None,
+        ),
+        "fit_error": round(max(start.fit_error, modelled.histories.fit_error), 6),
+        **({} if live is None else {"error_db": live.error_db}),
+        "warnings": run.warnings,
+        "seconds": run.seconds,
+        "peak_rss_mb": peak_rss_mb(),
+        "files": files,
+        "version": __version__,
+        "command": command_line(request),
+        "seed": request.seed,
+        "onset": request.onset,
+        "tolerance": request.tolerance,
+        "hashes": start.hashes,
+    }
+
+
+def command_line(request: AgeRequest) -> str:
+    """The command that does the same again."""
+    words = ["python", "-m", "model_runtime", "age"]
+    for item in dataclasses.fields(request):
+        value = getattr(request, item.name)
+        if value is True:
+            words.append(f"--{item.name}")
+        elif value is not None and value is not False:
+            words += [f"--{item.name.replace('_', '-')}", str(value)]
+    return shlex.join(words)
