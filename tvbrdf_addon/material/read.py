@@ -164,11 +164,12 @@ def read(
         sampling = Sampling.of(space.images[0], groups) if space.kind == "texture" else Sampling()
         uv_map, coverage = None, None
         if space.kind == "uv":
-            uv_map = active_uv_map(looks[0].mesh)
+            require_faces(looks[0], material, frame)
+            uv_map = known(active_uv_map(looks[0].mesh))
             if tiles.are_one:
                 # What lies beside an island at the border is not what lies at the other border.
                 sampling = replace(sampling, extension="EXTEND")
-            target = Target(material, looks[0], known(uv_map), tiles, scene)
+            target = Target(material, looks[0], uv_map, tiles, scene)
             coverage = _bake(maps, rest, copy, target, whole, shape, frame)
             warnings += baked_badly(target, coverage)
             warnings += shared(material, known(obj), scene, behind)
@@ -282,10 +283,8 @@ def _bake(
     """Adds maps, each tile baked at `size` and made as large as `shape`; the coverage."""
     identifiers = {SOCKETS[name]: name for name in names}
     look = target.look
-    if look is not None:
-        require_faces(look, target.material, frame)
-        if target.tiles.are_one:
-            check_unwrapped(look, target.material, target.uv_map, max(size))
+    if look is not None and target.tiles.are_one:
+        check_unwrapped(look, target.material, target.uv_map, max(size))
     size = _shrunk(size, _LARGEST_BAKE)
     baked, coverage = bake_sockets(
         copy, list(identifiers), target, size=size, frame=frame, shape=shape
