@@ -11,6 +11,9 @@ WHEELS ?= build/wheels
 BLENDERS ?= 4.2.23 5.0.1
 PYTEST_ARGS ?=
 
+# pyright would ask PyPI each time whether there is a newer one.
+export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1
+
 PIP_INSTALL = -m pip install --quiet --disable-pip-version-check
 READY = .venv/ready .venv-blender/ready build/wheels/ready
 
