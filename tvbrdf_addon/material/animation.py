@@ -190,7 +190,7 @@ def _straighten(owner: Animated, path: str) -> None:
 
 def copy_animation(source: bpy.types.NodeSocket, target: bpy.types.NodeSocket) -> None:
     """Moves a socket's value as that of another one of its tree is moved, by keys and drivers."""
-    tree, path = source.id_data, source.path_from_id("default_value")
+    tree, path = tree_of(source), source.path_from_id("default_value")
     curves = channels(tree)
     for curve in [each for each in curves if each.data_path == path]:
         copy = curves.new(target.path_from_id("default_value"), index=curve.array_index)
