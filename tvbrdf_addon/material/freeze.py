@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..errors import MaterialError
-from .age import hold_age
+from .age import as_age, hold_age
 from .animation import channels, own_action, remove_keys
 from .groups import require_ungrouped
 from .record import is_aged, keyed_sockets, load, require_local, sequences, tagged
@@ -82,7 +82,7 @@ def _driven(driven: bpy.types.bpy_struct, name: str, frame: int, last: int) -> f
     age = _age(curve.driver, frame) if curve is not None else None
     if age is None:
         return now
-    return curve.evaluate(min(max(age, 0.0), 1.0) * last)
+    return curve.evaluate(age * last)
 
 
 def _age(driver: bpy.types.Driver, frame: int) -> float | None:
@@ -99,4 +99,4 @@ def _age(driver: bpy.types.Driver, frame: int) -> float | None:
     except ValueError:
         return without
     curve = next((each for each in channels(owner) if each.data_path == path), None)
-    return now if curve is None else curve.evaluate(frame)
+    return as_age(now if curve is None else curve.evaluate(frame))
