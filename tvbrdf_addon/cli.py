@@ -23,6 +23,7 @@ from .interrupt import Interrupts
 from .known import scene_of
 from .log import said_of, tell
 from .operators import find_material
+from .output import folder_meant
 
 __all__ = ("main", "register", "unregister")
 
@@ -104,7 +105,7 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
     settings.frame_start, settings.frame_end = arguments.frames
     _apply_onset(arguments, settings)
     if arguments.output is not None:
-        settings.output = _file_path(arguments.output)
+        settings.output = _output(arguments.output)
     if arguments.size == AUTOMATIC:
         settings.use_camera_size = True
     elif arguments.size is not None:
@@ -160,15 +161,22 @@ def _file_path(path: str) -> str:
     return path if path.startswith("//") else str(Path(path).absolute())
 
 
+def _output(path: str) -> str:
+    """The folder that `--output` names, as a setting; nothing where it names none."""
+    return path if not path or path.startswith("//") else str(folder_meant(path, ""))
+
+
 def _require_place(save_as: str | None) -> None:
     """Raise SettingsError where `--save-as` is bound to fail, before an hour is spent on it."""
     if save_as is None:
         return
-    folder = Path(bpy.path.abspath(_file_path(save_as))).parent
+    path = Path(bpy.path.abspath(_file_path(save_as)))
     if save_as.startswith("//") and not bpy.data.filepath:
         raise SettingsError("No file is open, so // leads nowhere.", "Give --save-as a whole path.")
-    if not folder.is_dir():
-        raise SettingsError(f"There is no folder {folder} to save in.", "Make it first.")
+    if not path.parent.is_dir():
+        raise SettingsError(f"There is no folder {path.parent} to save in.", "Make it first.")
+    if path.exists() and not path.is_file():  # Blender replaces even a device
+        raise SettingsError(f"{path} is no file.", "Name the .blend to save.")
 
 
 def _save(save_as: str | None) -> int:
@@ -206,7 +214,7 @@ def _parser() -> argparse.ArgumentParser:
         "--frames", type=_frames, required=True, metavar="A-B", help="the scene's range to age over"
     )
     parser.add_argument(
-        "--steps", type=_whole(1, MOST_FRAMES), metavar="N", help="frames to model (36)"
+        "--steps", type=_whole(2, MOST_FRAMES), metavar="N", help="frames to model (36)"
     )
     parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
     parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")

@@ -170,7 +170,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         name="Modelled Frames",
         description="Stages of ageing that are computed and stored; spread over the frame range",
         default=36,
-        min=1,
+        min=2,  # one would be the material as it is
         max=MOST_FRAMES,
         soft_max=250,
     )

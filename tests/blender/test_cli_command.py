@@ -197,6 +197,8 @@ def test_one_failure_does_not_keep_the_others_but_is_the_exit_code(folder: Path,
         ),
         (["--material", "Steel", "--ntm", "frost", "--frames", "1-9"], "no model called 'frost'"),
         (["--material", "Steel", *USUAL, "--save-as", "nowhere/x.blend"], "There is no folder"),
+        (["--material", "Steel", *USUAL, "--save-as", ""], "is no file. Name the .blend to save."),
+        (["--material", "Steel", *USUAL, "--output", ""], "There is no output folder"),
         (["--material", "Steel", *USUAL, "--onset", "no.png"], "There is no file"),
         (["--material", "Steel", *USUAL, "--onset", "file.blend"], "cannot be read as an image"),
         (["--material", "Steel", *USUAL, "--onset-invert"], "There is no start image to invert"),
@@ -215,6 +217,22 @@ def test_what_is_not_there_is_said_before_any_work(
     assert [path.name for path in folder.iterdir()] == ["file.blend"]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows has drives and no named pipes")
+@pytest.mark.parametrize("output", ["C:\\tex\\aged", "d:/tex", "\\\\server\\share"])
+def test_an_output_on_a_drive_of_windows_is_no_folder_here(folder: Path, capfd, output: str):
+    assert main(["--material", "Steel", *USUAL, "--output", output]) == 1
+    assert "is on a drive of Windows" in capfd.readouterr().err
+    assert [path.name for path in folder.iterdir()] == ["file.blend"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no named pipes")
+def test_only_a_file_is_saved_over(folder: Path, capfd):
+    os.mkfifo(folder / "pipe")
+    assert main(["--material", "Steel", *USUAL, "--save-as", "pipe"]) == 1
+    assert "is no file" in capfd.readouterr().err
+    assert (folder / "pipe").is_fifo()
+
+
 @pytest.mark.parametrize(
     "words",
     [
@@ -222,7 +240,7 @@ def test_what_is_not_there_is_said_before_any_work(
         ["--material", "Steel"],
         ["--material", "Steel", "--ntm", "rust", "--frames", "9-1"],
         ["--material", "Steel", "--ntm", "rust", "--frames", "5"],
-        ["--material", "Steel", *USUAL, "--steps", "0"],
+        ["--material", "Steel", *USUAL, "--steps", "1"],
         ["--material", "Steel", *USUAL, "--quality", "best"],
         ["--material", "Steel", *USUAL, "--tolerance", "lots"],
         ["--material", "Steel", *USUAL, "--surprise"],

@@ -26,7 +26,8 @@ from tests.blender.material_cases import (
 from tests.blender.surface_cases import in_nested_groups
 from tests.blender.test_bind import bind
 from tests.blender.test_revert import awkward, settled
-from tvbrdf.tvbrdf_addon.material.animation import channels
+from tvbrdf.tvbrdf_addon.material.animation import channels, remove_keys
+from tvbrdf.tvbrdf_addon.material.pixels import read_exr
 from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
@@ -436,6 +437,51 @@ def test_freezing_leaves_stills_and_reverts(tmp_path):
     revert(material)
     assert settled(material) == before
     assert data_blocks() == blocks
+
+
+def delete_it(material) -> None:
+    del material["Age"]
+
+
+def write_in_it(material) -> None:
+    del material["Age"]
+    material["Age"] = "old"
+
+
+def make_it_no_number(material) -> None:
+    remove_keys(material, '["Age"]')
+    material["Age"] = float("nan")
+
+
+def drive_it(material) -> None:
+    material.driver_add('["Age"]').driver.expression = "0 * 1"
+    bpy.context.view_layer.update()
+
+
+@pytest.mark.parametrize("change", [delete_it, write_in_it, make_it_no_number, drive_it])
+def test_an_age_that_is_no_longer_ours_freezes_and_goes(tmp_path, change):
+    from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
+
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    before = settled(material)
+    folder = made_up_live(tmp_path / "live", size=(64, 64))
+    bind(material, obj, folder, tmp_path, span=(1, 11))
+    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
+    bpy.context.scene.frame_set(1)  # of age 0, on which all of these are, too
+    freeze_live(material, obj, bpy.context.scene)
+    young = read_exr(folder / "frame 1" / "base_color.exr")
+    revert(material)
+    bind(material, obj, folder, tmp_path, span=(1, 11))
+    material.tvbrdf.folder = str(folder)
+    bpy.context.scene.frame_set(11)
+    change(material)
+    freeze_live(material, obj, bpy.context.scene)
+    np.testing.assert_array_equal(read_exr(folder / "frame 11" / "base_color.exr"), young)
+    revert(material)
+    assert settled(material) == before
+    assert material.animation_data is None or not material.animation_data.drivers
 
 
 def test_what_is_saved_ages_without_the_extension_and_without_scripts(tmp_path):

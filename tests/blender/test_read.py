@@ -396,6 +396,20 @@ def test_a_linked_material_is_refused_with_the_way_out(tmp_path):
     assert "Make Local" in why_not(bpy.data.materials["Steel"], None)
 
 
+@pytest.mark.parametrize(
+    ("socket", "value"), [("Base Color", 1e5), ("IOR", 2e3), ("Specular IOR Level", 200.0)]
+)
+def test_numbers_beyond_all_surfaces_are_refused_by_the_sockets_name(tmp_path, socket, value):
+    material = new_material()
+    material.tvbrdf.onset = "none"
+    number = add(material, "ShaderNodeValue")
+    number.outputs[0].default_value = value
+    link(material, number.outputs[0], socket)
+    said = refusal(material, None, tmp_path)
+    assert said.startswith(f"The {socket} of the material is above ")
+    assert said.endswith("Lower what feeds it.")
+
+
 def test_a_division_by_zero_is_refused(tmp_path):
     material = new_material()
     values = np.full((2, 2, 3), np.nan, np.float32)

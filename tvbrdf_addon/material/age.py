@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import bpy
@@ -15,7 +16,7 @@ from .animation import (
     remove_keys,
 )
 
-__all__ = ("NAME", "age_at", "age_path", "give_age", "hold_age", "take_age")
+__all__ = ("NAME", "age_at", "age_path", "as_age", "give_age", "hold_age", "take_age")
 
 NAME = "Age"
 
@@ -41,19 +42,32 @@ def give_age(material: bpy.types.Material, span: tuple[int, int]) -> tuple[Anima
 
 
 def take_age(material: bpy.types.Material, name: str, before: AnimationBefore) -> None:
-    """Takes the age away again, and its keys."""
+    """Takes the age away again, and its keys, and what drivers an artist gave it."""
     own_action(material)
     remove_keys(material, property_path(name))
+    for driver in _drivers(material, property_path(name)):
+        material.animation_data.drivers.remove(driver)
     material.pop(name, None)
     before.restore(material)
 
 
 def age_at(material: bpy.types.Material, name: str, frame: float) -> float:
-    """The age on a frame: that of its keys, or what it is where it has none."""
-    path = property_path(name)
-    curve = next((each for each in channels(material) if each.data_path == path), None)
-    age = curve.evaluate(frame) if curve is not None else float(material[name])
-    return min(max(age, 0.0), 1.0)
+    """The age on a frame: that of its keys, or what it is now where it has none, 0 if it was
+    deleted.
+    """
+    path, now = property_path(name), material.get(name)
+    # What is no number cannot be keyed, and drivers of the artist are stronger than keys.
+    keyed = isinstance(now, int | float) and not _drivers(material, path)
+    curves = (each for each in channels(material) if each.data_path == path)
+    curve = next(curves, None) if keyed else None
+    return as_age(curve.evaluate(frame) if curve is not None else now)
+
+
+def as_age(value: object) -> float:
+    """An age as a render takes it: from 0 to 1, and 0 where it is no number."""
+    if not isinstance(value, int | float) or math.isnan(value):
+        return 0.0
+    return min(max(float(value), 0.0), 1.0)
 
 
 def hold_age(material: bpy.types.Material, name: str, frame: float) -> None:
@@ -74,6 +88,11 @@ def age_path(material: bpy.types.Material) -> str | None:
         if target is not None and target.id == material and target.data_path.startswith("["):
             return target.data_path
     return None
+
+
+def _drivers(material: bpy.types.Material, path: str) -> list[bpy.types.FCurve]:
+    data = material.animation_data
+    return [each for each in data.drivers if each.data_path == path] if data else []
 
 
 def _names() -> Iterator[str]:

@@ -6,7 +6,7 @@ import bpy
 
 from ..errors import MaterialError
 from ..known import known, tree_of
-from .age import hold_age
+from .age import as_age, hold_age
 from .animation import channels, own_action, remove_keys
 from .groups import require_ungrouped
 from .record import is_aged, keyed_sockets, load, require_local, sequences, tagged
@@ -84,7 +84,7 @@ def _driven(driven: bpy.types.bpy_struct, name: str, frame: int, last: int) -> f
     age = _age(curve.driver, frame) if curve is not None else None
     if age is None:
         return now
-    return curve.evaluate(min(max(age, 0.0), 1.0) * last)
+    return curve.evaluate(age * last)
 
 
 def _age(driver: bpy.types.Driver, frame: int) -> float | None:
@@ -101,4 +101,4 @@ def _age(driver: bpy.types.Driver, frame: int) -> float | None:
     except ValueError:
         return without
     curve = next((each for each in channels(owner) if each.data_path == path), None)
-    return now if curve is None else curve.evaluate(frame)
+    return as_age(now if curve is None else curve.evaluate(frame))

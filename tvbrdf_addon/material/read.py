@@ -53,6 +53,9 @@ _LARGEST_BAKE = 8192  # of which Cycles needs some GB
 _NAMED = 5  # tiles in a sentence
 _LOOKED_AT = 32  # objects
 _COVERAGE = 256  # cells a side, of images' own space
+# That the worker takes.
+_MOST = {"Specular": 100.0, "IOR": 1000.0, "SpecularTint": 100.0}
+_MOST_OF_A_COLOR = 65504.0
 
 
 @dataclass(frozen=True)
@@ -268,6 +271,12 @@ def _bounded(name: str, pixels: Array) -> Array:
         )
     if name in ("Metallic", "Roughness"):
         return np.clip(pixels, 0, 1)
+    most = _MOST.get(name, _MOST_OF_A_COLOR)
+    if pixels.max() > most:
+        raise MaterialError(
+            f"The {SOCKETS[name]} of the material is above {most:,.0f} in places.",
+            "Lower what feeds it.",
+        )
     return np.maximum(pixels, 1e-5 if name == "IOR" else 0)
 
 
