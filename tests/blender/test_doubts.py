@@ -50,6 +50,15 @@ def test_uvs_without_area(tmp_path):
     assert read(material, obj, tmp_path).warnings == ()
 
 
+def test_another_object_without_uvs(tmp_path):
+    material = new_material()
+    obj, other = plane(material), plane(material)
+    assert read(material, obj, tmp_path).warnings == ()
+    other.data.uv_layers.remove(other.data.uv_layers[0])
+    (warning,) = read(material, obj, tmp_path).warnings
+    assert warning.startswith(f"“{other.name}” has no UV map, so that it ages alike all over")
+
+
 def test_a_palette_of_colors_ages_in_flat_faces(tmp_path):
     """As low-poly models are colored: each face lies on one point of a small image."""
     material = with_image(np.random.default_rng(0).random((4, 4, 3)))

@@ -105,6 +105,10 @@ def _no_uvs(obj) -> None:
     modified(obj, "REMESH")
 
 
+def _scaled_to_nothing(obj) -> None:
+    obj.scale = (0, 0, 0)
+
+
 def _uvs_on_one_point(obj) -> None:
     for corner in obj.data.uv_layers[0].data:
         corner.uv = (0.3, 0.3)
@@ -122,6 +126,7 @@ def _uvs_on_one_point(obj) -> None:
         (_other_material_by_nodes, "No face of “Plane” shows “Paint”"),
         (_no_uvs, "The modifiers of “Plane” leave no UV map"),
         (_uvs_on_one_point, "has no area"),
+        (_scaled_to_nothing, "Cycles finds nothing of “Plane” to bake"),
     ],
 )
 def test_what_cannot_be_baked_is_refused_in_a_sentence(tmp_path, spoil, words):
@@ -136,10 +141,13 @@ def test_places_that_are_no_numbers(tmp_path, number):
     material = baked_material()
     obj = plane(material)
     obj.data.vertices[0].co.x = number
-    read(material, obj, tmp_path)
-    assert all(np.isfinite(values).all() for values in read_maps(tmp_path / "maps").values())
-    obj.data.uv_layers[0].data[2].uv.x = number
     if np.isnan(number):  # Blender makes it 0
+        read(material, obj, tmp_path)
+        assert all(np.isfinite(values).all() for values in read_maps(tmp_path / "maps").values())
+    else:  # of which Cycles shows nothing
+        assert "Cycles finds nothing of “Plane” to bake" in refusal(material, obj, tmp_path)
+    obj.data.uv_layers[0].data[2].uv.x = number
+    if np.isnan(number):
         read(material, obj, tmp_path)
     else:
         assert "outside the square" in refusal(material, obj, tmp_path)
@@ -207,7 +215,33 @@ def _appears_later(obj) -> None:
     bpy.context.scene.frame_set(1)
 
 
-@pytest.mark.parametrize("hide", [_hidden, _excluded, _appears_later])
+def _seen_by_no_ray(obj) -> None:
+    for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+        setattr(obj, f"visible_{ray}", False)
+
+
+def _holdout(obj) -> None:
+    obj.is_holdout = True
+
+
+def _shadow_catcher(obj) -> None:
+    obj.is_shadow_catcher = True
+
+
+def _instanced_on_vertices(obj) -> None:
+    parent = plane()
+    parent.instance_type = "VERTS"
+    obj.parent = parent
+    bpy.context.view_layer.update()
+
+
+@pytest.mark.parametrize(
+    "hide",
+    [
+        *(_hidden, _excluded, _appears_later),
+        *(_seen_by_no_ray, _holdout, _shadow_catcher, _instanced_on_vertices),
+    ],
+)
 def test_a_hidden_object_is_read_as_if_it_were_seen(tmp_path, hide):
     material = baked_material()
     obj = plane(material)
@@ -218,6 +252,20 @@ def test_a_hidden_object_is_read_as_if_it_were_seen(tmp_path, hide):
     read(material, obj, tmp_path)
     for name, values in read_maps(tmp_path / "maps").items():
         np.testing.assert_array_equal(values, seen[name])
+
+
+def test_no_more_is_subdivided_than_the_scene_allows(tmp_path):
+    material = baked_material()
+    obj = plane(material)
+    modifier = modified(obj, "SUBSURF", render_levels=3)
+    render = bpy.context.scene.render
+    render.use_simplify, render.simplify_subdivision_render = True, 0
+    read(material, obj, tmp_path)
+    simple = read_maps(tmp_path / "maps")
+    obj.modifiers.remove(modifier)
+    read(material, obj, tmp_path)
+    for name, values in read_maps(tmp_path / "maps").items():
+        np.testing.assert_array_equal(values, simple[name])
 
 
 # Modifiers

@@ -12,7 +12,7 @@ from .onset import showing
 from .pixels import Array
 from .space import Space, looked_up_by
 from .trace import is_animated, resolve, upstream
-from .unwrap import active_uv_map, flat_share, overlaps, squares
+from .unwrap import active_uv_map, flat_share, overlaps, shows, squares
 
 __all__ = ("baked_badly", "lost", "shared", "unwrapped_badly")
 
@@ -72,6 +72,12 @@ def unwrapped_badly(
     for look in looks:
         name = uv_map or active_uv_map(look.mesh)
         if name is None or name not in look.mesh.uv_layers:
+            if shows(look, material):
+                called = f" “{name}”" if name else ""
+                flat.append(
+                    f"“{look.obj.name}” has no UV map{called}, so that it ages alike all over: "
+                    "unwrap it (UV > Smart UV Project) or set Start to Everywhere at Once."
+                )
             continue
         if flat_share(look, material, name) > _FLAT:
             flat.append(

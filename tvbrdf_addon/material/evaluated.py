@@ -20,6 +20,8 @@ __all__ = ("Evaluated", "distinct", "evaluated", "in_view", "stage")
 
 Array = NDArray[np.float32]
 
+_FINEST = 11  # levels of subdivision that Blender knows
+
 # Modifiers that move vertices and leave Generated coordinates where these were.
 _DEFORMING = frozenset(
     (
@@ -108,10 +110,12 @@ def _stand_in(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
             stack.callback(bpy.data.meshes.remove, copy.data)
         stack.callback(bpy.data.objects.remove, copy)
         copy.hide_viewport = copy.hide_render = False
+        simple = [scene.render for scene in obj.users_scene if scene.render.use_simplify]
+        most = min((each.simplify_subdivision_render for each in simple), default=_FINEST)
         for modifier in copy.modifiers:
             modifier.show_viewport = modifier.show_render
             if modifier.type in ("SUBSURF", "MULTIRES"):
-                modifier.levels = modifier.render_levels
+                modifier.levels = min(modifier.render_levels, most)
         if any(modifier.type == "NODES" for modifier in copy.modifiers):
             stack.enter_context(_instances_made_real(copy))
         yield copy

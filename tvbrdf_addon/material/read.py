@@ -298,6 +298,11 @@ def _bake(
     baked, coverage = bake_sockets(
         copy, list(identifiers), target, size=size, frame=frame, shape=shape
     )
+    if look is not None and not coverage.any():
+        raise MaterialError(
+            f"Cycles finds nothing of “{look.obj.name}” to bake to its UV map “{target.uv_map}”.",
+            "Look at its scale, unwrap it (UV > Smart UV Project), or choose a larger size.",
+        )
     maps |= {identifiers[each]: pixels for each, pixels in baked.items()}
     return coverage
 

@@ -13,6 +13,13 @@ from .evaluated import Evaluated
 
 __all__ = ("object_like", "scene_like")
 
+# With any of these, or without all of those, Cycles finds nothing to bake.
+_HIDDEN = ("hide_render", "hide_viewport", "is_holdout", "is_shadow_catcher")
+_VISIBLE = (
+    *("visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission"),
+    *("visible_volume_scatter", "visible_shadow"),
+)
+
 Behind = Sequence[tuple[bpy.types.Node, str]]
 
 
@@ -35,10 +42,17 @@ def object_like(
         for slot, material in zip(obj.material_slots, materials, strict=True):
             slot.link, slot.material = "OBJECT", material
         obj.instance_type = "NONE"
-        obj.hide_render = obj.hide_viewport = False
+        for name in _HIDDEN:
+            setattr(obj, name, False)
+        for name in _VISIBLE:
+            setattr(obj, name, True)
         if _is_hidden_by_keys(obj):
             obj.animation_data_clear()
             obj.matrix_basis = look.basis
+        if obj.parent is not None and obj.parent.instance_type != "NONE":
+            # Then only instances of it would be seen.
+            obj.parent = None
+            obj.matrix_world = look.obj.matrix_world
         if look.rest is not None:
             _deform(obj, look.rest)
         if any(node.type == "OBJECT_INFO" and name == "Random" for node, name in behind):
@@ -49,7 +63,7 @@ def object_like(
 def _is_hidden_by_keys(obj: bpy.types.Object) -> bool:
     data = obj.animation_data
     curves = [] if data is None else [*channels(obj), *data.drivers]
-    return any(curve.data_path in ("hide_render", "hide_viewport") for curve in curves)
+    return any(curve.data_path in (*_HIDDEN, *_VISIBLE) for curve in curves)
 
 
 def _deform(obj: bpy.types.Object, rest: np.ndarray) -> None:
