@@ -281,7 +281,8 @@ class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
                 # Only now: numpy, which it needs, has no part in starting Blender.
                 from .material.live.freeze import freeze_live
 
-                freeze_live(material, object_with(material, scene), scene)
+                for warning in freeze_live(material, object_with(material, scene), scene):
+                    self.report({"WARNING"}, warning)
             else:
                 freeze(material, scene.frame_current)
         except Exception as error:

@@ -439,6 +439,20 @@ def test_freezing_leaves_stills_and_reverts(tmp_path):
     assert data_blocks() == blocks
 
 
+def test_freezing_says_whose_own_age_is_lost(tmp_path):
+    from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
+
+    folder = made_up_live(tmp_path / "live", size=(64, 64))
+    material = new_material()
+    procedural(material)
+    obj, other = plane(material), plane(material)
+    bind(material, obj, folder, tmp_path)
+    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
+    other["Age"] = 1.0
+    (warning,) = freeze_live(material, obj, bpy.context.scene)
+    assert f"The Age that “{other.name}” had of its own is not kept" in warning
+
+
 def delete_it(material) -> None:
     del material["Age"]
 
@@ -470,7 +484,7 @@ def test_an_age_that_is_no_longer_ours_freezes_and_goes(tmp_path, change):
     bind(material, obj, folder, tmp_path, span=(1, 11))
     material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
     bpy.context.scene.frame_set(1)  # of age 0, on which all of these are, too
-    freeze_live(material, obj, bpy.context.scene)
+    assert freeze_live(material, obj, bpy.context.scene) == ()
     young = read_exr(folder / "frame 1" / "base_color.exr")
     revert(material)
     bind(material, obj, folder, tmp_path, span=(1, 11))

@@ -15,6 +15,7 @@ from ...errors import MaterialError
 from ...output import free_folder
 from ..age import age_at
 from ..bind import bind_stills
+from ..onset import showing
 from ..pixels import Array, read_exr, resampled, write_exr
 from ..read import read
 from ..record import load, require_local
@@ -26,9 +27,9 @@ __all__ = ("freeze_live",)
 
 def freeze_live(
     material: bpy.types.Material, obj: bpy.types.Object | None, scene: bpy.types.Scene
-) -> None:
+) -> tuple[str, ...]:
     """Leaves `material`, which `obj` shows, as it looks on the scene's frame; Revert still restores
-    the original.
+    the original.  Returns warnings, a sentence each.
 
     The stills are new files in a folder of their own beside the result's.  Raises `MaterialError`,
     with the material as it is, where it cannot be read or its result is gone.
@@ -58,6 +59,19 @@ def freeze_live(
         write_exr(home / f"{name}.exr", pixels)
     maps = tuple(AgedMap(name, (home / f"{name}.exr",), (0,), uniform=False) for name in stills)
     bind_stills(material, reading, AgedMaps(files.format, (), maps))
+    return _other_ages(material, record.age)
+
+
+def _other_ages(material: bpy.types.Material, age: str) -> tuple[str, ...]:
+    """Which objects had another age than the material, whose one set of stills they now show."""
+    names = [f"“{each.name}”" for each in showing(material) if age in each]
+    if not names:
+        return ()
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return (
+        f"The {age} that {names[0]}{more} had of its own is not kept: to keep it, undo this and "
+        "give each a material of its own first.",
+    )
 
 
 def _authored(folder: Path, size: tuple[int, int]) -> PrincipledMaps:
