@@ -78,20 +78,27 @@ def _only(name: str, *, keep: bool) -> int:
 
 
 class _Ticker:
-    """Tells how far the campaign is, now and then."""
+    """Tells of every fault, and how far the campaign is, now and then."""
 
     def __init__(self, started: float) -> None:
         self._started = started
         self._told = started
+        self._faults = 0
 
     def __call__(self, tally: Tally) -> None:
         now = time.monotonic()
+        faults = tally.faults
+        for verdict in faults[self._faults :]:
+            for finding in verdict.findings:
+                detail = ascii(finding.detail)[1:-1]
+                print(f"{verdict.name}: {finding.fault.value}: {detail}", file=sys.stderr)
+        self._faults = len(faults)
         if now - self._told < 30:
             return
         self._told = now
-        done, faults = len(tally.verdicts), len(tally.faults)
+        spent, done = (now - self._started) / 60, len(tally.verdicts)
         print(
-            f"{(now - self._started) / 60:5.1f} min  {done} trials, {faults} faults",
+            f"{spent:5.1f} min  {done} trials, {len(faults)} faults",
             file=sys.stderr,
             flush=True,
         )

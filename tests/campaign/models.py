@@ -64,9 +64,9 @@ def hostile_model(honest: ModelFile, trial: Trial) -> bytes:
             name = rng.choice(
                 ("frames", "domain", "timing", "temporal_model", "trained", "warnings")
             )
-            card = honest.card | {name: odd_json([honest.card.get(name)], rng)[:1]}
-            card[name] = card[name][0] if card[name] else None
-            return replace(honest, card=card).content()
+            odd = odd_json([honest.card.get(name)], rng)
+            value = odd[0] if isinstance(odd, list) and odd else odd
+            return replace(honest, card=honest.card | {name: value}).content()
         case 6:
             return (
                 (MODELS / rng.choice(("encoder", "encoder.estimator")))
