@@ -26,8 +26,7 @@ from tests.blender.material_cases import (
 from tests.blender.surface_cases import in_nested_groups
 from tests.blender.test_bind import bind
 from tests.blender.test_revert import awkward, settled
-from tvbrdf.tvbrdf_addon.material.animation import channels, remove_keys
-from tvbrdf.tvbrdf_addon.material.pixels import read_exr
+from tvbrdf.tvbrdf_addon.material.animation import channels
 from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
@@ -394,108 +393,6 @@ def test_udim_tiles_lie_in_one_texture(tmp_path):
     assert tuple(mapping.inputs["Scale"].default_value) == (0.5, 1, 1)
     textures = [each for each in node.node_tree.nodes if each.type == "TEX_IMAGE"]
     assert {each.extension for each in textures} == {"EXTEND"}
-
-
-def test_freezing_leaves_stills_and_reverts(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
-
-    material = new_material()
-    procedural(material)
-    obj = plane(material)
-    view_from_above()
-    shown(tmp_path)  # whose image stays in the file
-    before, blocks = settled(material), data_blocks()
-    folder = made_up_live(tmp_path / "live", size=(64, 64))
-    bind(material, obj, folder, tmp_path, span=(1, 11))
-    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
-    live = material.copy()
-    emitting(live)
-    obj.material_slots[0].material = live
-    truth = shown(tmp_path, 7, 64)
-    obj.material_slots[0].material = material
-    bpy.data.materials.remove(live)
-
-    freeze_live(material, obj, bpy.context.scene)
-    assert "Age" not in material
-    assert not channels(material)
-    textures = [node for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
-    names = {f"{name}.exr" for name in ("base_color", "metallic", "specular", "roughness")}
-    assert {Path(node.image.filepath).name for node in textures} == names
-    still = material.copy()
-    base = principled_of(still).inputs[0].links[0].from_socket
-    emission = add(still, "ShaderNodeEmission")
-    still.node_tree.links.new(base, emission.inputs[0])
-    still.node_tree.links.new(
-        emission.outputs[0], still.node_tree.get_output_node("CYCLES").inputs["Surface"]
-    )
-    obj.material_slots[0].material = still
-    for frame in (1, 11):
-        error = np.sqrt(shown(tmp_path, frame, 64)) - np.sqrt(truth)
-        assert -10 * np.log10(np.mean(np.square(error))) > 40
-    obj.material_slots[0].material = material
-    bpy.data.materials.remove(still)
-    revert(material)
-    assert settled(material) == before
-    assert data_blocks() == blocks
-
-
-def test_freezing_says_whose_own_age_is_lost(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
-
-    folder = made_up_live(tmp_path / "live", size=(64, 64))
-    material = new_material()
-    procedural(material)
-    obj, other = plane(material), plane(material)
-    bind(material, obj, folder, tmp_path)
-    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
-    other["Age"] = 1.0
-    (warning,) = freeze_live(material, obj, bpy.context.scene)
-    assert f"The Age that “{other.name}” had of its own is not kept" in warning
-
-
-def delete_it(material) -> None:
-    del material["Age"]
-
-
-def write_in_it(material) -> None:
-    del material["Age"]
-    material["Age"] = "old"
-
-
-def make_it_no_number(material) -> None:
-    remove_keys(material, '["Age"]')
-    material["Age"] = float("nan")
-
-
-def drive_it(material) -> None:
-    material.driver_add('["Age"]').driver.expression = "0 * 1"
-    bpy.context.view_layer.update()
-
-
-@pytest.mark.parametrize("change", [delete_it, write_in_it, make_it_no_number, drive_it])
-def test_an_age_that_is_no_longer_ours_freezes_and_goes(tmp_path, change):
-    from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
-
-    material = new_material()
-    procedural(material)
-    obj = plane(material)
-    before = settled(material)
-    folder = made_up_live(tmp_path / "live", size=(64, 64))
-    bind(material, obj, folder, tmp_path, span=(1, 11))
-    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
-    bpy.context.scene.frame_set(1)  # of age 0, on which all of these are, too
-    assert freeze_live(material, obj, bpy.context.scene) == ()
-    young = read_exr(folder / "frame 1" / "base_color.exr")
-    revert(material)
-    bind(material, obj, folder, tmp_path, span=(1, 11))
-    material.tvbrdf.folder = str(folder)
-    bpy.context.scene.frame_set(11)
-    change(material)
-    freeze_live(material, obj, bpy.context.scene)
-    np.testing.assert_array_equal(read_exr(folder / "frame 11" / "base_color.exr"), young)
-    revert(material)
-    assert settled(material) == before
-    assert material.animation_data is None or not material.animation_data.drivers
 
 
 def test_what_is_saved_ages_without_the_extension_and_without_scripts(tmp_path):
