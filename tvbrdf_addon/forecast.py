@@ -20,6 +20,7 @@ from .errors import MaterialError
 from .estimate import Estimate, Rates, Work
 from .known import known
 from .material.onset import is_painted, showing
+from .material.result import result_folder
 from .material.revert import is_aged
 from .material.space import Space, choose_space, image_size
 from .material.surface import find_principled
@@ -74,7 +75,8 @@ def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast |
     settings = material.tvbrdf
     if is_aged(material):
         # Its nodes are ours now: what counts is what it was, and that is what was aged.
-        report = report_in(Path(bpy.path.abspath(settings.folder))) if settings.folder else None
+        folder = result_folder(material)
+        report = report_in(folder) if folder is not None else None
         if report is None:
             return None
         size, why = report.size, ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
-from pathlib import Path
 from typing import ClassVar, Literal, TypeAlias
 
 import bpy
@@ -19,6 +18,7 @@ from .material.age import age_path
 from .material.chosen import object_with
 from .material.onset import is_invertible
 from .material.record import is_live
+from .material.result import result_folder
 from .material.revert import is_aged
 from .operators import material_of
 from .report import report_in
@@ -260,8 +260,7 @@ def _draw_onset(
 def _draw_report(
     layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
 ) -> None:
-    settings = material.tvbrdf
-    folder = Path(bpy.path.abspath(settings.folder)) if settings.folder else None
+    settings, folder = material.tvbrdf, result_folder(material)
     report = report_in(folder) if folder is not None and is_aged(material) else None
     if report is None:
         return

@@ -22,6 +22,7 @@ from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .material.check import why_not as why_not_readable
 from .material.chosen import object_named, object_with
 from .material.onset import is_invertible, why_no_onset
+from .material.result import result_folder
 from .material.revert import is_aged, revert
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
@@ -152,12 +153,8 @@ def _folders_in_use(material: bpy.types.Material) -> list[Path]:
         for image in bpy.data.images
         if image.filepath
     ]
-    results = [
-        Path(bpy.path.abspath(other.tvbrdf.folder, library=other.library))
-        for other in bpy.data.materials
-        if other.tvbrdf.folder and other != material
-    ]
-    return [file.parent for file in files] + results
+    others = (result_folder(other) for other in bpy.data.materials if other != material)
+    return [file.parent for file in files] + [each for each in others if each is not None]
 
 
 class Run:
@@ -346,6 +343,8 @@ class Run:
                 frame_end=self.plan.frame_end,
             )
         )
+        if self.aged.get("binding") != "live":
+            self.warnings.extend(reading.lost)
         material.tvbrdf.is_preview = self.previewing = False
         folder = str(self.plan.folder)
         material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder

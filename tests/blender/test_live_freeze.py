@@ -23,6 +23,7 @@ from tests.blender.test_revert import settled
 from tvbrdf.tvbrdf_addon.material.animation import channels, remove_keys
 from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
 from tvbrdf.tvbrdf_addon.material.pixels import read_exr
+from tvbrdf.tvbrdf_addon.material.result import result_folder
 from tvbrdf.tvbrdf_addon.material.revert import revert
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
@@ -122,3 +123,20 @@ def test_an_age_that_is_no_longer_ours_freezes_and_goes(tmp_path, change):
     revert(material)
     assert settled(material) == before
     assert material.animation_data is None or not material.animation_data.drivers
+
+
+def test_a_file_that_was_saved_elsewhere_finds_its_result(tmp_path):
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    folder = made_up_live(tmp_path / "here" / "live", size=(16, 16))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here" / "file.blend"))
+    bind(material, obj, folder, tmp_path, span=(1, 11))
+    material.tvbrdf.folder, material.tvbrdf.size = "//live", 16
+    elsewhere = tmp_path / "far" / "away" / "file.blend"
+    elsewhere.parent.mkdir(parents=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(elsewhere))
+    assert result_folder(material).samefile(folder)
+    freeze_live(material, obj, bpy.context.scene)
+    stills = [node.image for node in material.node_tree.nodes if node.type == "TEX_IMAGE"]
+    assert all(Path(bpy.path.abspath(image.filepath)).is_file() for image in stills)

@@ -77,6 +77,18 @@ def test_age_the_active_material(folder: Path):
     assert steel().tvbrdf.folder == "//aged/Steel"
 
 
+@pytest.mark.parametrize(("binding", "said"), [("live", False), ("frames", True)])
+def test_what_maps_lose_is_said_where_maps_are_shown(folder: Path, binding: str, said: bool):
+    tree = steel().node_tree
+    principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    fresnel = tree.nodes.new("ShaderNodeFresnel")
+    tree.links.new(fresnel.outputs[0], principled.inputs["Roughness"])
+    steel().tvbrdf.binding = binding
+    assert age("Steel") == {"FINISHED"}
+    sentences = session.outcome().sentences
+    assert any("direction of view" in sentence for sentence in sentences) is said
+
+
 def test_age_a_material_by_name(folder: Path):
     add_material("Copper")
     assert age("Steel") == {"FINISHED"}

@@ -268,14 +268,14 @@ def test_animated_sockets_are_read_at_the_first_frame(tmp_path):
         point.interpolation = "LINEAR"
     reading = read(material, None, tmp_path)
     np.testing.assert_allclose(read_maps(tmp_path / "maps")["Roughness"], 0.1, rtol=1e-5)
-    assert len(reading.warnings) == 1
-    assert "frame 10" in reading.warnings[0]
+    assert len(reading.lost) == 1
+    assert "frame 10" in reading.lost[0]
 
 
 def test_view_dependence_is_warned_about(tmp_path):
     material = new_material()
     link(material, add(material, "ShaderNodeFresnel").outputs[0], "Metallic")
-    (warning,) = read(material, plane(material), tmp_path).warnings
+    (warning,) = read(material, plane(material), tmp_path).lost
     assert "Fresnel" in warning
 
 

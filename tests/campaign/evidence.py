@@ -170,7 +170,9 @@ def _names(entry: Any) -> list[str]:
 
 
 def _is_finite(path: Path) -> bool:
-    channels = OpenEXR.File(str(path), separate_channels=True).channels()
+    with path.open("rb") as file:  # OpenEXR takes no name that is not UTF-8
+        name = f"/proc/self/fd/{file.fileno()}"
+        channels = OpenEXR.File(name, separate_channels=True).channels()
     return all(np.isfinite(channel.pixels).all() for channel in channels.values())
 
 

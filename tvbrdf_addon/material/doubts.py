@@ -33,7 +33,7 @@ def lost(
     material: bpy.types.Material,
     frame: int,
 ) -> list[str]:
-    """What is lost in reading, a sentence each."""
+    """What is lost where maps stand in for the material, a sentence each."""
     nodes = [pair for socket in sockets.values() for pair in upstream(socket, space.groups)]
     found = []
     view = {n.name for n, out in nodes if n.type in _VIEW_NODES or out in _VIEW_OUTPUTS}

@@ -65,7 +65,8 @@ class Reading:
     `textures` is the size of what is made of the maps (of each of their `tiles`), textures also
     where they are one texel.
     `uv_map` names the UV map that the maps were baked to (None: they are not in UV space), and
-    `sampling` says how textures made from them are looked up.  `warnings` are sentences.
+    `sampling` says how textures made from them are looked up.  `warnings` are sentences, and `lost`
+    those on what is lost where maps stand in for the material.
     """
 
     size: tuple[int, int]
@@ -75,6 +76,7 @@ class Reading:
     warnings: tuple[str, ...]
     sampling: Sampling = field(default_factory=Sampling)
     tiles: Tiles = field(default_factory=Tiles)
+    lost: tuple[str, ...] = ()
 
 
 def read(
@@ -107,7 +109,8 @@ def read(
         space = choose_space(place.principled, groups, painted=is_painted(material))
         sockets = {name: place.input(each) for name, each in SOCKETS.items()}
         behind = [pair for socket in sockets.values() for pair in upstream(socket, groups)]
-        warnings = lost(sockets, space, material, frame)
+        warnings: list[str] = []
+        of_maps = tuple(lost(sockets, space, material, frame))
         if (unaged := why_not_in_eevee(place)) is not None:
             warnings.append(unaged)
         if space.kind == "uv" and choose_space(place.principled, groups).kind == "texture":
@@ -186,7 +189,9 @@ def read(
     for name, pixels in maps.items():
         write_exr(folder / f"{name}.exr", _bounded(name, pixels))
     size_of_maps = (1, 1) if uniform else tiles.whole(shape)
-    return Reading(size_of_maps, textures, uniform, uv_map, tuple(warnings), sampling, tiles)
+    return Reading(
+        size_of_maps, textures, uniform, uv_map, tuple(warnings), sampling, tiles, of_maps
+    )
 
 
 @contextmanager

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...model_runtime.commit import recover
-from ..errors import MaterialError
+import bpy
 
-__all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveFiles", "read_result")
+from ...model_runtime.commit import REPORT, recover
+from ..errors import MaterialError
+from .ownership import GROUP, TAG
+from .record import tagged
+
+__all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveFiles", "read_result", "result_folder")
 
 MAPS = {
     "principled": ("base_color", "metallic", "specular", "roughness"),
@@ -61,6 +66,36 @@ class LiveFiles:
     curves: Path
 
 
+def result_folder(material: bpy.types.Material) -> Path | None:
+    """The folder of a material's result; None where it has none.
+
+    Where it was written, or, in a file that was saved elsewhere or that the material was appended
+    to, where its textures lie: Blender keeps the paths of images right, and of nothing else.
+    """
+    said = material.tvbrdf.folder
+    if not said:
+        return None
+    written = Path(bpy.path.abspath(said, library=material.library))
+    lie = (
+        Path(bpy.path.abspath(image.filepath, library=image.library)).parent
+        for image in _textures(material)
+    )
+    return next((each for each in (written, *lie) if (each / REPORT).is_file()), written)
+
+
+def _textures(material: bpy.types.Material) -> Iterator[bpy.types.Image]:
+    """Those that a result brought, in the material's tree and its group."""
+    if material.node_tree is None:
+        return
+    ours = tagged(material.node_tree)
+    for node in ours:
+        if node.type == "GROUP" and node.node_tree is not None and GROUP in node.node_tree:
+            ours.extend(node.node_tree.nodes)
+    for node in ours:
+        if node.type == "TEX_IMAGE" and node.image is not None and TAG in node.image:
+            yield node.image
+
+
 def read_result(folder: Path) -> AgedMaps | LiveFiles:
     """Reads `folder/aged.json` and looks at every file that it names.
 
@@ -68,7 +103,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
 
     Raises `MaterialError` where a file is missing, or the format is unknown.
     """
-    path = folder / "aged.json"
+    path = folder / REPORT
     try:
         recover(folder)
         data = json.loads(path.read_text(encoding="utf-8"))

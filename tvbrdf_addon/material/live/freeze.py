@@ -19,7 +19,7 @@ from ..onset import showing
 from ..pixels import Array, read_exr, resampled, write_exr
 from ..read import read
 from ..record import load, require_local
-from ..result import AgedMap, AgedMaps, LiveFiles, read_result
+from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
 from .bind import read_curves
 
 __all__ = ("freeze_live",)
@@ -36,7 +36,9 @@ def freeze_live(
     """
     require_local(material)
     settings, record = material.tvbrdf, load(material, material.name)
-    folder = Path(bpy.path.abspath(settings.folder))
+    folder = result_folder(material)
+    if folder is None:
+        raise MaterialError(f"“{material.name}” has no result.", "Age the material again.")
     files = read_result(folder)
     if not isinstance(files, LiveFiles) or record.age is None:
         raise MaterialError(f"The result in {folder} is another one.", "Age the material again.")
