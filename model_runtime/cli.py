@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from . import serve
-from .console import Terminal, fill_closed_streams, flush, log_of, say, write_out
+from .console import Parser, Terminal, fill_closed_streams, flush, log_of, say, write_out
 from .errors import Cancelled, OutputError, TvbrdfError, UsageError
 from .memory import memory_in_words
 from .request import CHOICES, MOST_FRAMES, cards, load_age, option, request_from
@@ -60,7 +60,7 @@ def _run(argv: Sequence[str] | None, ending: EndingSignals) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="python -m model_runtime", description="Ages materials with neural temporal models."
     )
     commands = parser.add_subparsers(required=True, metavar="age | info | serve")

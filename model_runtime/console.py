@@ -4,17 +4,20 @@ nobody reads, a full disk or nowhere.
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import tempfile
 import traceback
 from pathlib import Path
-from typing import TextIO
+from typing import NoReturn, TextIO
 
-from .errors import OutputError
+from .errors import OutputError, shown
 from .signals import EndingSignals
 
-__all__ = ("Terminal", "fill_closed_streams", "flush", "log_of", "say", "write_out")
+__all__ = ("Parser", "Terminal", "fill_closed_streams", "flush", "log_of", "say", "write_out")
+
+_LONGEST = 300  # characters of what argparse says
 
 
 def fill_closed_streams() -> bool:
@@ -76,6 +79,13 @@ def log_of(error: BaseException) -> str:
     except OSError:
         return "Please report it with the command that you ran."
     return f"Please report it with the command that you ran and the file {path}."
+
+
+class Parser(argparse.ArgumentParser):
+    """Quotes what it was given plainly and in part, whatever that is."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(shown(message, most=_LONGEST))
 
 
 class Terminal:

@@ -95,6 +95,16 @@ def test_wrong_usage_is_exit_code_2(tmp_path: Path, options: list[str], word: st
     assert not out.exists()
 
 
+@pytest.mark.parametrize("option", ["--frames", "--quality", "--surprise"])
+def test_what_was_given_is_quoted_in_part_and_plainly(option: str):
+    done = command(
+        "age", "--input", "x", "--ntm", "y", "--output", "z", f"{option}=\x1b[2J" + "x" * 9000
+    )
+    assert done.returncode == 2
+    assert len(done.stderr) < 2000
+    assert "\x1b" not in done.stderr
+
+
 @pytest.mark.parametrize(
     "words",
     [

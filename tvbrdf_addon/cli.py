@@ -16,6 +16,7 @@ from pathlib import Path
 import bpy
 
 from ..model_runtime import package
+from ..model_runtime.console import Parser
 from ..model_runtime.request import MOST_FRAMES
 from . import preferences, properties, session
 from .errors import SettingsError
@@ -198,7 +199,7 @@ def _failed(sentence: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=f"blender -b FILE.blend --command {NAME}",
         description="Age materials of the open file over the timeline.",
         allow_abbrev=False,
