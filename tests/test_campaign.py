@@ -68,6 +68,7 @@ def faults(evidence: Evidence) -> set[Fault]:
         replace(KILLED, after=tree(NEW), result=Result(NEW)),
         replace(REFUSED, after=tree(NEW), result=Result(NEW), untold=True),
         replace(KILLED, after=tree(OLD, **{".out.partial-1": "folder", ".out.partial-1/x": "y"})),
+        replace(KILLED, after=tree(OLD | {".aged.partial-1": "folder"})),
         replace(
             GOOD, before=tree(OLD | {"notes.txt": "kept"}), after=tree(NEW | {"notes.txt": "kept"})
         ),

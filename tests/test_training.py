@@ -437,6 +437,8 @@ class TestCommand:
             cwd=ROOT,
             stderr=subprocess.PIPE,
             text=True,
+            # Tests may run in the background, whose children would not hear it.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
         try:
             deadline = time.monotonic() + 120

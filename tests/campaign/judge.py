@@ -98,7 +98,7 @@ def _of_files(evidence: Evidence) -> Iterator[Finding]:
             continue
         output = None if evidence.output is None else PurePath(evidence.output)
         if output is not None and PurePath(path).is_relative_to(output):
-            if before is None and _STAGING.search(path):
+            if before is None and _STAGING.search(path) and not evidence.abandoned:
                 yield Finding(Fault.LITTER, path)
         elif not _may_change(evidence, PurePath(path), output, before, after):
             staged = before is None and _STAGING.search(path)
@@ -127,6 +127,8 @@ def _may_change(
 
 def _of_output(evidence: Evidence, output: str) -> Iterator[Finding]:
     old, new = (_inside(tree, output) for tree in (evidence.before, evidence.after))
+    if evidence.abandoned:
+        new = {name: sort for name, sort in new.items() if not _STAGING.search(name)}
     ours = {"", "aged.json"}
     if evidence.earlier is not None:
         ours |= {*evidence.earlier.files, *evidence.earlier.broken}
