@@ -130,11 +130,9 @@ def _socket(trial: Trial, folder: Path) -> None:
 
 def _link(trial: Trial, folder: Path) -> None:
     path = _map(trial, folder)
-    content = path.read_bytes()
-    path.unlink()
     elsewhere, inside = trial.folder / "elsewhere.png", folder / f"{path.stem}{_MOVED}"
-    elsewhere.write_bytes(content)
-    inside.write_bytes(content)
+    path.rename(elsewhere)
+    os.link(elsewhere, inside)
     targets = (elsewhere, inside, path, folder, "/dev/zero", "/dev/full", "absent", "/etc/hostname")
     path.symlink_to(trial.rng.choice(targets))
 
