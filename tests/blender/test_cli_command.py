@@ -263,6 +263,8 @@ def test_an_interrupt_ends_it_and_leaves_nothing_half_done(
     folder: Path, capfd, monkeypatch, number: int, code: int
 ):
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "30")
+    # Tests may run in the background, where it is ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     materials = ["--material", "Steel", "--material", "Copper", "--material", "Oak"]
     words = [*materials, *USUAL, "--steps", "600", "--save-as", "aged.blend"]
