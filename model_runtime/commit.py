@@ -208,9 +208,12 @@ def _recover(folder: Path) -> None:
         try:
             if _is_unfinished(staging) and folder.exists():
                 _put_back(staging, folder)
+            # Still held: who has just made it, and was about to hold it, makes another.
+            shutil.rmtree(staging, ignore_errors=True)
         finally:
             let_go(staging, descriptor)
-        shutil.rmtree(staging, ignore_errors=True)
+        with suppress(OSError):  # gone, but on Windows, where what held it lay in it
+            staging.rmdir()
 
 
 def _stagings(folder: Path) -> Iterator[Path]:

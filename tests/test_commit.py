@@ -322,3 +322,22 @@ def test_a_clock_that_is_wrong_sweeps_no_living_run(folder: Path):
     holding.let_go(living, held)
     recover(folder)
     assert not living.exists()
+
+
+@posix
+def test_what_is_swept_is_held_until_it_is_gone(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """Or a run that has just made its staging folder could take hold of it, and lose it."""
+    left, _ = commit.places(folder, "0" * 8)
+    left.mkdir(parents=True)
+    remove, swept = shutil.rmtree, []
+
+    def remove_held(path: Path, **options: bool) -> None:
+        with pytest.raises(BlockingIOError):
+            holding.hold(path)
+        swept.append(path)
+        remove(path, **options)
+
+    monkeypatch.setattr(commit.shutil, "rmtree", remove_held)
+    recover(folder)
+    assert swept == [left]
+    assert not left.exists()
