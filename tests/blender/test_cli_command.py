@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -258,13 +259,20 @@ def test_wrong_usage(folder: Path, words: list[str]):
     assert aged() == set()
 
 
+@pytest.fixture
+def _heard() -> Iterator[None]:
+    """SIGINT as a shell's foreground has it: tests may run in the background, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_heard")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupt_ends_it_and_leaves_nothing_half_done(
     folder: Path, capfd, monkeypatch, number: int, code: int
 ):
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "30")
-    # Tests may run in the background, where it is ignored.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     materials = ["--material", "Steel", "--material", "Copper", "--material", "Oak"]
     words = [*materials, *USUAL, "--steps", "600", "--save-as", "aged.blend"]
