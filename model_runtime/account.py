@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import __version__
-from .compose import AgedTexels
 from .live.fitting import Fitted
 from .memory import peak_rss_mb
+from .modelling.compose import AgedTexels
+from .modelling.start import Start
+from .output.frames import Format
+from .output.savings import savings
 from .run import AgeRequest, Run
-from .savings import savings
-from .start import Start
-from .writing import Format
 
 __all__ = ("account_of",)
 

@@ -15,22 +15,22 @@ import torch
 from torch import Tensor
 
 from .account import account_of
+from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
-from .compose import AgedTexels
-from .fit import USUAL
-from .histories import CPU
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .maps import PrincipledMaps
 from .memory import memory_in_words
-from .modelling import EFFORTS, Effort, model_texels
-from .result import StagedResult, check_space
+from .modelling.aged import EFFORTS, Effort, model_texels
+from .modelling.compose import AgedTexels
+from .modelling.rollout import CPU
+from .modelling.start import Start, read_start
+from .modelling.texels import authored_texels
+from .output.frames import Format, Frames, file_names, maps_of, write_frames, write_stored_frames
+from .output.stored import StagedResult, check_space
 from .run import AgeRequest, Reporter, Run
-from .start import Start, read_start
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
-from .texels import authored_texels
-from .writing import Format, Frames, file_names, maps_of, write_frames, write_stored_frames
 
 __all__ = ("AgeRequest", "Reporter", "age")
 

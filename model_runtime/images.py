@@ -21,8 +21,8 @@ import OpenEXR
 import torch
 from PIL import Image, ImageFile, UnidentifiedImageError
 
+from .atomic import replaced
 from .errors import InputError, OutputError, reason, shown
-from .files import replaced
 from .maps import HALF_MAX, Halves, Pixels
 from .memory import ran_out_of_memory
 

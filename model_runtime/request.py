@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import package
 from .errors import ModelFileError, TvbrdfError, UsageError, reason, shown
 from .memory import check_limits, memory_in_words
+from .model_files import weights
 
 if TYPE_CHECKING:
     from .age import AgeRequest
@@ -119,9 +119,9 @@ def cards(
     hears of each file that cannot be listed.
     """
     if ntm is None:
-        found = package.list_models(skipped=skipped)
+        found = weights.list_models(skipped=skipped)
     else:
-        found = [package.read_card(package.find_model(ntm))]
+        found = [weights.read_card(weights.find_model(ntm))]
     return [
         {"description": card.description, **card.details, "path": str(card.path)} for card in found
     ]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from .errors import Cancelled
-from .writing import Format
+from .output.frames import Format
 
 __all__ = ("AgeRequest", "Reporter", "Run")
 

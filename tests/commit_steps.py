@@ -23,7 +23,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from model_runtime import commit, staging
+from model_runtime.output import commit, staging
 
 OPERATIONS = ("os.", "fcntl.", "open")
 # Exit statuses of a fork: it came to its end before its time; with something in between; it could

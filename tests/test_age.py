@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model_runtime import __version__, cli, result
+from model_runtime import __version__, cli
 from model_runtime.age import AgeRequest
 from model_runtime.errors import Cancelled, InputError, ModelFileError, OutputError
 from model_runtime.images import read_image
-from model_runtime.package import ENCODER, ESTIMATOR, find_model
+from model_runtime.model_files.weights import ENCODER, ESTIMATOR, find_model
+from model_runtime.output import stored
 from model_runtime.request import request_from
 from model_runtime.temporal.ntm import LADDER
 from tests.ageing import (
@@ -312,7 +313,7 @@ class TestFailures:
         run(paint, tmp_path / "out", frames=2, size=8)
         before = contents(tmp_path / "out")
         usage = shutil._ntuple_diskusage(1 << 30, 1 << 30, 1000)
-        monkeypatch.setattr(result.shutil, "disk_usage", lambda _: usage)
+        monkeypatch.setattr(stored.shutil, "disk_usage", lambda _: usage)
         with pytest.raises(OutputError, match="MB"):
             run(paint, tmp_path / "out", frames=2, size=16)
         assert contents(tmp_path / "out") == before
@@ -374,7 +375,7 @@ class TestInputThatChanges:
         self, source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keeps_times: bool
     ):
         """Also by a file of the same length and date."""
-        from model_runtime import start
+        from model_runtime.modelling import start
 
         def read_and_replace(path: Path, **options: Any):
             material = read_input(path, **options)

@@ -11,16 +11,16 @@ import OpenEXR
 import pytest
 import torch
 
-from model_runtime import result
 from model_runtime.brdf import merl
 from model_runtime.errors import InputError
 from model_runtime.images import read_image, write_exr
-from model_runtime.package import ModelCard, save_model
+from model_runtime.model_files.weights import ModelCard, save_model
+from model_runtime.output import stored
 from model_runtime.representation import load_representation
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
-from model_runtime.timing import Timing
+from model_runtime.temporal.pace import Timing
 from tests.ageing import (
     COLOURS,
     PRINCIPLED,
@@ -46,7 +46,7 @@ def floats(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, 
             written[path.name] = pixels.copy()
             write_exr(path, pixels, **options)
 
-        monkeypatch.setattr(result, "write_exr", keep)
+        monkeypatch.setattr(stored, "write_exr", keep)
         run(source, output, **options)
         return written
 

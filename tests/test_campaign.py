@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model_runtime.package import save_model
+from model_runtime.model_files.weights import save_model
 
 if not Path("/proc/self/clear_refs").exists():
     pytest.skip("the campaign reads /proc", allow_module_level=True)

@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from model_runtime.errors import ModelFileError, OutputError, UsageError
-from model_runtime.package import ENCODER
+from model_runtime.model_files.weights import ENCODER
 from training.checkpoint import DivergedError, load_checkpoint, save_checkpoint
 
 RUN = {"seed": 0}

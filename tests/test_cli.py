@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from model_runtime.package import save_model
-from model_runtime.result import StagedResult
+from model_runtime.model_files.weights import save_model
+from model_runtime.output.stored import StagedResult
 from tests.ageing import write_painted_steel
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -20,9 +20,9 @@ from pathlib import Path
 
 import pytest
 
-from model_runtime import commit, holding, staging
-from model_runtime.commit import REPORT, recover
 from model_runtime.errors import OutputError
+from model_runtime.output import commit, holding, staging
+from model_runtime.output.commit import REPORT, recover
 from tests.commit_steps import COMPLETE, FAILED, HINDERED, UNEXPECTED
 
 ROOT = Path(__file__).resolve().parents[1]

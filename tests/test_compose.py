@@ -8,10 +8,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model_runtime.compose import AgedTexels
-from model_runtime.histories import Histories
-from model_runtime.plan import Palette
-from model_runtime.timing import Timing
+from model_runtime.modelling.compose import AgedTexels
+from model_runtime.modelling.palette import Palette
+from model_runtime.modelling.rollout import Histories
+from model_runtime.temporal.pace import Timing
 
 FRAMES = 9
 

@@ -10,9 +10,9 @@ import pytest
 from scipy.ndimage import distance_transform_cdt
 
 from model_runtime.cli import main
-from model_runtime.coverage import Coverage, nearest_covered
 from model_runtime.images import read_image, write_exr
-from model_runtime.inputs import read_covered, read_input
+from model_runtime.reading.coverage import Coverage, nearest_covered
+from model_runtime.reading.inputs import read_covered, read_input
 
 SIZE = 64
 RNG = np.random.default_rng(5)

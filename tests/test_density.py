@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tvbrdf.tvbrdf_addon.material.density import pixels_across
+from tvbrdf.tvbrdf_addon.material.reading.density import pixels_across
 
 # A camera at the origin that looks along -z, 90 degrees wide, clipped at 0.1 and 100.
 NEAR, FAR = 0.1, 100.0

@@ -9,10 +9,10 @@ from __future__ import annotations
 import pytest
 import torch
 
-from model_runtime import histories, modelling
-from model_runtime.fit import USUAL
-from model_runtime.modelling import EFFORTS, model_texels
-from model_runtime.package import find_model
+from model_runtime.brdf.fit import USUAL
+from model_runtime.model_files.weights import find_model
+from model_runtime.modelling import aged, rollout
+from model_runtime.modelling.aged import EFFORTS, model_texels
 from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import ParameterEstimator
 from model_runtime.representation.latents import Representation
@@ -36,15 +36,15 @@ def test_all_that_a_device_is_asked_for_stays_on_it(models: Models, fitted: bool
     ntm, representation = models
     fit = USUAL if fitted else ParameterEstimator()
     with torch.inference_mode(), pytest.raises(NotImplementedError, match="meta tensor; no data"):
-        histories.roll_out(STATES, ntm, "lstm_latents", representation, fit=fit, device=META)
+        rollout.roll_out(STATES, ntm, "lstm_latents", representation, fit=fit, device=META)
 
 
 @pytest.mark.parametrize("rung", ["affine", "lstm_parameters"])
 def test_what_is_light_stays_on_the_cpu(models: Models, rung: str):
     ntm, representation = models
     there, here = (
-        histories.roll_out(STATES, ntm, rung, representation, device=device).states
-        for device in (META, histories.CPU)
+        rollout.roll_out(STATES, ntm, rung, representation, device=device).states
+        for device in (META, rollout.CPU)
     )
     assert torch.equal(there, here)
 
@@ -62,8 +62,8 @@ def test_where_a_device_fails_the_cpu_does_it_and_it_is_said(models: Models):
                 EFFORTS["draft"],
                 device=device,
                 warn=said.append,
-            ).histories.states
-            for device in (META, modelling.CPU)
+            ).rollout.states
+            for device in (META, aged.CPU)
         )
     assert torch.equal(there, here)
     assert len(said) == 1

@@ -10,12 +10,12 @@ import pytest
 import torch
 
 from model_runtime.errors import ModelFileError
-from model_runtime.package import list_models, save_model
+from model_runtime.model_files.weights import list_models, save_model
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import LatentLSTM, ParameterLSTM
 from training.data.kinetics import PROCESSES
 from training.data.weathering import generate
-from training.evaluation.domains import (
+from training.evaluation.synthesis.domains import (
     FITTING,
     FOREIGN,
     DomainResult,

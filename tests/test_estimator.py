@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.errors import ModelFileError
-from model_runtime.fit import fit_angles, fit_torrance_sparrow
-from model_runtime.package import (
+from model_runtime.model_files.weights import (
     ENCODER,
     ESTIMATOR,
     find_model,
@@ -17,7 +17,7 @@ from model_runtime.package import (
     load_model,
     read_card,
 )
-from model_runtime.plan import appearance_psnr
+from model_runtime.modelling.palette import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import ParameterEstimator, load_estimator
 from model_runtime.representation.latents import Latents

@@ -12,15 +12,15 @@ import torch
 from torch import Tensor
 
 from model_runtime.errors import ModelFileError, UsageError
-from model_runtime.package import save_model
+from model_runtime.model_files.weights import save_model
 from model_runtime.representation import build
-from training.evaluation.methods import METHODS, Budget, load_methods
-from training.evaluation.metric import MAPS, Sphere
-from training.evaluation.report import main_table
-from training.evaluation.representation import Curve, evaluate_representation
-from training.evaluation.results import Cell, Report
-from training.evaluation.scoring import score, truth
-from training.evaluation.sets import SETS, material_sets
+from training.evaluation.representation.evaluate import Curve, evaluate_representation
+from training.evaluation.representation.methods import METHODS, Budget, load_methods
+from training.evaluation.representation.report import main_table
+from training.evaluation.representation.results import Cell, Report
+from training.evaluation.representation.scoring import score, truth
+from training.evaluation.representation.sets import SETS, material_sets
+from training.metric.sphere import MAPS, Sphere
 
 TINY = Budget(uniform=20, texel=5)
 FIELDS = {

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from model_runtime.atomic import check_writable, replaced
 from model_runtime.errors import OutputError
-from model_runtime.files import check_writable, replaced
 
 
 def test_a_file_takes_the_place_of_another(tmp_path: Path):

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from model_runtime.brdf import disney
+from model_runtime.brdf.fit import Fit, fit_angles, fit_torrance_sparrow
 from model_runtime.brdf.half_angle import above_horizon, directions
-from model_runtime.fit import Fit, fit_angles, fit_torrance_sparrow
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

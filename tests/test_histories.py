@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.random_histories import histories_of, random_maps
 from training.data.sequences import Sequence
 from training.data.synthetic import s2
-from training.histories import align, source_histories
+from training.source.histories import align, source_histories
 
 
 class TestAlign:

@@ -14,8 +14,8 @@ from PIL import Image
 from model_runtime.brdf.measured import MeasuredBRDF
 from model_runtime.errors import InputError, UsageError
 from model_runtime.images import read_image, write_exr
-from model_runtime.inputs import hash_input, read_input
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from model_runtime.reading.inputs import hash_input, read_input
 from tests.ageing import run
 
 

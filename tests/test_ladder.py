@@ -8,14 +8,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from model_runtime.package import ModelCard
+from model_runtime.model_files.weights import ModelCard
 from model_runtime.representation import build
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 from training.data.sequences import MixtureSequence
-from training.evaluation.synthesis_cases import mixed_weights
-from training.histories import SourceHistories, source_histories
+from training.evaluation.synthesis.cases import mixed_weights
 from training.ladder import (
     choose,
     held_out_ranges,
@@ -25,6 +24,7 @@ from training.ladder import (
     widest_channel,
 )
 from training.ntm import NTMConfig, Run, train_ladder
+from training.source.histories import SourceHistories, source_histories
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

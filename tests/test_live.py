@@ -11,16 +11,16 @@ import pytest
 import torch
 
 from model_runtime.brdf import principled
-from model_runtime.compose import AgedTexels
-from model_runtime.histories import Histories
 from model_runtime.images import read_image, write_exr
-from model_runtime.inputs import read_input
 from model_runtime.live.evaluate import Curves, LiveMaps
 from model_runtime.live.files import read_live
 from model_runtime.live.fitting import fit_live
 from model_runtime.live.low_rank import at_ages
 from model_runtime.maps import PrincipledMaps
-from model_runtime.plan import Palette, appearance_psnr, build_palette
+from model_runtime.modelling.compose import AgedTexels
+from model_runtime.modelling.palette import Palette, appearance_psnr, build_palette
+from model_runtime.modelling.rollout import Histories
+from model_runtime.reading.inputs import read_input
 from tests.ageing import (
     TORRANCE_SPARROW,
     Listener,

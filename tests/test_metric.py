@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from model_runtime.errors import InputError
-from training.evaluation.metric import MAPS, Sphere, psnr, tone_map
-from training.evaluation.radiance import read_radiance
-from training.evaluation.representation import evaluate_representation
-from training.evaluation.sets import UNIFORM
+from training.evaluation.representation.evaluate import evaluate_representation
+from training.evaluation.representation.sets import UNIFORM
+from training.metric.radiance import read_radiance
+from training.metric.sphere import MAPS, Sphere, psnr, tone_map
 
 
 @pytest.fixture(scope="module")

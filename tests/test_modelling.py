@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from model_runtime.age import AgeRequest, age
+from model_runtime.brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from model_runtime.brdf.torrance_sparrow import evaluate
-from model_runtime.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
-from model_runtime.modelling import EFFORTS, Effort, model_texels
-from model_runtime.package import find_model
-from model_runtime.plan import appearance_psnr
+from model_runtime.model_files.weights import find_model
+from model_runtime.modelling.aged import EFFORTS, Effort, model_texels
+from model_runtime.modelling.palette import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import load_estimator
 from model_runtime.temporal.ntm import NeuralTemporalModel

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from model_runtime.onset import onset_map, rate_map
-from model_runtime.timing import Timing
-from training.timing import correlation_length
+from model_runtime.temporal.onset import onset_map, rate_map
+from model_runtime.temporal.pace import Timing
+from training.source.onsets import correlation_length
 
 SPREADING = ("rust", "patina", "char", "moss", "frost")  # the last is one it knows nothing of
 SETTLING = ("drying", "soiling")  # through by the end

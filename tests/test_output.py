@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tvbrdf.model_runtime.commit import recover
+from tvbrdf.model_runtime.output.commit import recover
 from tvbrdf.tvbrdf_addon.errors import SettingsError
 from tvbrdf.tvbrdf_addon.material.result import read_result
 from tvbrdf.tvbrdf_addon.output import file_safe, free_folder, require_writable

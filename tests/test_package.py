@@ -18,9 +18,9 @@ from typing import Any
 import pytest
 import torch
 
-from model_runtime import package
 from model_runtime.errors import ModelFileError, OutputError
-from model_runtime.package import (
+from model_runtime.model_files import weights
+from model_runtime.model_files.weights import (
     FORMAT_VERSION,
     MODELS,
     find_model,
@@ -439,4 +439,4 @@ def test_the_package_is_imported_without_torch_being_loaded():
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
     )
     assert done.stdout.strip() == "False"
-    assert package.__file__
+    assert weights.__file__

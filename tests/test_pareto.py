@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from model_runtime.age import AgeRequest, age
 from model_runtime.errors import InputError
 from training.__main__ import main
-from training.evaluation.pareto import evaluate_pareto
-from training.evaluation.pareto_exact import compared, exact_texels, interpolated
-from training.evaluation.pareto_report import tables
-from training.evaluation.pareto_results import better_than
-from training.evaluation.pareto_runs import kept_json
-from training.evaluation.pareto_settings import SETTINGS, setting
-from training.evaluation.silent import Silent
-from training.evaluation.synthesis_training import Effort
+from training.evaluation.bench.silent import Silent
+from training.evaluation.pareto.evaluate import evaluate_pareto
+from training.evaluation.pareto.exact import compared, exact_texels, interpolated
+from training.evaluation.pareto.report import tables
+from training.evaluation.pareto.results import better_than
+from training.evaluation.pareto.runs import kept_json
+from training.evaluation.pareto.settings import SETTINGS, setting
+from training.evaluation.synthesis.training import Effort
 from training.ntm import NTMConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")

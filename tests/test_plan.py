@@ -10,7 +10,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from model_runtime.plan import (
+from model_runtime.modelling.palette import (
     Stored,
     appearance_psnr,
     build_palette,

@@ -17,10 +17,16 @@ from model_runtime.brdf import disney, torrance_sparrow
 from model_runtime.brdf.half_angle import above_horizon, cosines, from_directions
 from model_runtime.representation import Trained, build, load_representation
 from training.data.analytic import random_disney, random_torrance_sparrow
-from training.evaluation import damages, properties
-from training.evaluation.albedo import INCIDENCES, Albedos
-from training.evaluation.metric import Sphere
-from training.evaluation.probes import Group, analytic_groups, measured_groups, reflecting, together
+from training.evaluation.representation import damages, properties
+from training.evaluation.representation.probes import (
+    Group,
+    analytic_groups,
+    measured_groups,
+    reflecting,
+    together,
+)
+from training.metric.albedo import INCIDENCES, Albedos
+from training.metric.sphere import Sphere
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tvbrdf.model_runtime.errors import is_plain
-from tvbrdf.tvbrdf_addon.report import report_in
+from tvbrdf.tvbrdf_addon.sentences import report_in
 
 AGED = {
     "ntm": "rust",

@@ -19,7 +19,7 @@ from safetensors.torch import load_file, save_file
 from model_runtime.brdf import disney, torrance_sparrow
 from model_runtime.brdf.half_angle import above_horizon, cosines, directions, from_directions
 from model_runtime.errors import ModelFileError
-from model_runtime.package import ENCODER, hash_tensors, save_model
+from model_runtime.model_files.weights import ENCODER, hash_tensors, save_model
 from model_runtime.representation import build, load_representation
 from model_runtime.representation.latents import (
     Latents,

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model_runtime import result
 from model_runtime.errors import OutputError
 from model_runtime.images import read_image
-from model_runtime.result import REPORT, StagedResult, check_space
+from model_runtime.output import stored
+from model_runtime.output.stored import REPORT, StagedResult, check_space
 
 GREY = np.full((4, 4), 0.5, np.float32)
 
@@ -312,7 +312,7 @@ class TestWhatCannotBeWritten:
                 f"{path.name} cannot be written: No space left on device.", "Free it."
             )
 
-        monkeypatch.setattr(result, "write_exr", refuse)
+        monkeypatch.setattr(stored, "write_exr", refuse)
         with pytest.raises(OutputError, match="No space left"):
             write(folder, 30)
         assert contents(folder) == before
@@ -324,7 +324,7 @@ class TestSpace:
         self, folder: Path, monkeypatch: pytest.MonkeyPatch
     ):
         monkeypatch.setattr(
-            result.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 10**9, 5_000_000)
+            stored.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 10**9, 5_000_000)
         )
         check_space(folder, 5_000_000)
         with pytest.raises(OutputError, match=r"may need 6 MB; .* has 5 left") as error:
@@ -341,7 +341,7 @@ class TestSpace:
             asked.append(path)
             return shutil._ntuple_diskusage(1, 0, 1)
 
-        monkeypatch.setattr(result.shutil, "disk_usage", usage)
+        monkeypatch.setattr(stored.shutil, "disk_usage", usage)
         check_space(tmp_path / "a" / "b" / "c", 1)
         check_space(tmp_path, 1)
         monkeypatch.chdir(tmp_path)

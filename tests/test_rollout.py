@@ -10,9 +10,9 @@ from torch import Tensor
 
 from model_runtime.brdf.torrance_sparrow import ALPHA_MIN
 from model_runtime.errors import ModelFileError
-from model_runtime.histories import roll_out
-from model_runtime.package import MODELS, list_models
-from model_runtime.plan import viewing_angles
+from model_runtime.model_files.weights import MODELS, list_models
+from model_runtime.modelling.palette import viewing_angles
+from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Latents
 from model_runtime.temporal.models import LatentLSTM, ParameterLSTM

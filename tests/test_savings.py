@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from model_runtime.savings import savings
+from model_runtime.output.savings import savings
 
 
 def every(name: str, frames: int = 4) -> list[str]:

@@ -13,10 +13,10 @@ import pytest
 from model_runtime.errors import InputError
 from model_runtime.images import write_exr
 from model_runtime.representation import load_representation
-from model_runtime.timing import Timing
+from model_runtime.temporal.pace import Timing
 from training.data.location import data_folder as find_data
 from training.data.sequences import MixtureSequence, Sequence, read_sequence
-from training.histories import source_histories
+from training.source.histories import source_histories
 
 CENTRE = (slice(80, 380), slice(80, 380))  # the crop of data/README.md
 

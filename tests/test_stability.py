@@ -14,16 +14,16 @@ import torch
 
 from model_runtime.errors import UsageError
 from model_runtime.images import write_exr
-from model_runtime.package import ENCODER
+from model_runtime.model_files.weights import ENCODER
 from model_runtime.representation import load_representation
 from tests.ageing import frames_of, run
 from training.data.weathering import generate
-from training.evaluation.stability import STRESSES, evaluate_stability
-from training.evaluation.stability_restart import killed_school
-from training.evaluation.stability_results import MethodResult, StabilityReport
-from training.evaluation.stability_runs import Outcome
-from training.evaluation.stability_trials import EVERY, World
-from training.evaluation.synthesis_training import Effort, School
+from training.evaluation.stability.evaluate import STRESSES, evaluate_stability
+from training.evaluation.stability.restart import killed_school
+from training.evaluation.stability.results import MethodResult, StabilityReport
+from training.evaluation.stability.runs import Outcome
+from training.evaluation.stability.trials import EVERY, World
+from training.evaluation.synthesis.training import Effort, School
 from training.ntm import NTMConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -139,7 +139,7 @@ class TestReport:
         def never(*args):
             raise AssertionError("it ran again")
 
-        monkeypatch.setattr("training.evaluation.stability.Classroom.run", never)
+        monkeypatch.setattr("training.evaluation.stability.evaluate.Classroom.run", never)
         again = evaluate(data_folder, output)
         assert again.json()["stresses"] == report.json()["stresses"]
 

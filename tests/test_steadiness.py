@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from model_runtime.errors import ModelFileError
-from model_runtime.package import MODELS, load_model, save_model
+from model_runtime.model_files.weights import MODELS, load_model, save_model
 from tests.ageing import run
 from training.data.kinetics import PROCESSES
 from training.data.sequences import MixtureSequence, Sequence, uniform_times
 from training.data.weathering import generate
-from training.steadiness import (
+from training.source.steadiness import (
     evened_out,
     flicker,
     frames_that_stand_out,

@@ -13,25 +13,25 @@ import torch
 
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.errors import ModelFileError, UsageError
-from model_runtime.package import save_model
+from model_runtime.model_files.weights import save_model
 from model_runtime.representation import build
 from training.data.sequences import MixtureSequence, Sequence
-from training.evaluation import synthesis_scoring
-from training.evaluation.metric import psnr
-from training.evaluation.synthesis import evaluate_synthesis
-from training.evaluation.synthesis_cases import CASES, GRID, make_cases, mixed_weights, states_of
-from training.evaluation.synthesis_methods import METHODS, load_models, method_for
-from training.evaluation.synthesis_report import PUBLISHED, averages_table
-from training.evaluation.synthesis_results import CaseResult, Curve, SynthesisReport, averaged
-from training.evaluation.synthesis_sphere import TexturedSphere
-from training.evaluation.synthesis_stage import Stage, as_parameters
-from training.evaluation.synthesis_statistics import (
+from training.evaluation.synthesis import scoring as synthesis_scoring
+from training.evaluation.synthesis.cases import CASES, GRID, make_cases, mixed_weights, states_of
+from training.evaluation.synthesis.evaluate import evaluate_synthesis
+from training.evaluation.synthesis.methods import METHODS, load_models, method_for
+from training.evaluation.synthesis.report import PUBLISHED, averages_table
+from training.evaluation.synthesis.results import CaseResult, Curve, SynthesisReport, averaged
+from training.evaluation.synthesis.sphere import TexturedSphere
+from training.evaluation.synthesis.stage import Stage, as_parameters
+from training.evaluation.synthesis.statistics import (
     autocorrelation_distance,
     histogram_distance,
     map_distances,
 )
-from training.evaluation.synthesis_timing import STATISTICS
-from training.evaluation.synthesis_training import Effort, School
+from training.evaluation.synthesis.timing import STATISTICS
+from training.evaluation.synthesis.training import Effort, School
+from training.metric.sphere import psnr
 from training.ntm import NTMConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")

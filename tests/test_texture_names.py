@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from model_runtime.texture_names import choose_maps
+from model_runtime.reading.texture_names import choose_maps
 
 
 @pytest.mark.parametrize(

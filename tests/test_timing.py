@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from model_runtime.timing import Timing
+from model_runtime.temporal.pace import Timing
 from training.data.sequences import MixtureSequence, Sequence, uniform_times
 from training.data.synthetic import from_pbr, s1, s2
 from training.data.weathering import generate
-from training.evaluation.synthesis_cases import PBR, spots
-from training.timing import correlation_length, estimate_onset, timed
+from training.evaluation.synthesis.cases import PBR, spots
+from training.source.onsets import correlation_length, estimate_onset, timed
 
 STARTED_APART = ("rust", "patina", "char", "drying", "soiling", "moss")
 STARTED_TOGETHER = ("fading", "yellowing")  # within an eighth of the time

@@ -26,7 +26,7 @@ import training.__main__ as command
 from model_runtime.errors import InputError, ModelFileError, OutputError, UsageError
 from model_runtime.images import write_exr
 from model_runtime.maps import TorranceSparrowMaps
-from model_runtime.package import ENCODER, read_card
+from model_runtime.model_files.weights import ENCODER, read_card
 from model_runtime.representation import load_representation
 from model_runtime.temporal.models import Affine
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel

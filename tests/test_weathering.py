@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from model_runtime.errors import InputError, OutputError
-from model_runtime.onset import onset_map, rate_map
-from model_runtime.timing import Timing
+from model_runtime.temporal.onset import onset_map, rate_map
+from model_runtime.temporal.pace import Timing
 from training.data.kinetics import PROCESSES, history, wetted
 from training.data.sequences import Sequence, read_sequence
 from training.data.weathering import generate, initial_values, write

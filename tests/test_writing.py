@@ -10,13 +10,19 @@ import pytest
 import torch
 
 from model_runtime.brdf import principled
-from model_runtime.compose import AgedTexels
-from model_runtime.histories import Histories
 from model_runtime.images import read_image
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
-from model_runtime.plan import Palette
-from model_runtime.result import StagedResult
-from model_runtime.writing import FrameMaps, Frames, maps_of, write_frames, write_stored_frames
+from model_runtime.modelling.compose import AgedTexels
+from model_runtime.modelling.palette import Palette
+from model_runtime.modelling.rollout import Histories
+from model_runtime.output.frames import (
+    FrameMaps,
+    Frames,
+    maps_of,
+    write_frames,
+    write_stored_frames,
+)
+from model_runtime.output.stored import StagedResult
 
 SIZE = (70, 1000)  # three bands, the last one shorter
 TIMES = (0.0, 0.2, 0.7, 1.0)

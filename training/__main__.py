@@ -167,16 +167,16 @@ def evaluate(
     from .data.location import data_folder
 
     if what == "pareto":
-        from .evaluation.pareto import evaluate_pareto
-        from .evaluation.pareto_report import tables
+        from .evaluation.pareto.evaluate import evaluate_pareto
+        from .evaluation.pareto.report import tables
 
         if methods or cases:
             raise UsageError("Pareto takes all.", "Leave out --methods and --cases.")
         report = evaluate_pareto(data_folder(), output, pixels=pixels)
         table = tables(report)
     elif what == "representation":
-        from .evaluation.report import main_table
-        from .evaluation.representation import evaluate_representation
+        from .evaluation.representation.evaluate import evaluate_representation
+        from .evaluation.representation.report import main_table
 
         if cases:
             raise UsageError("Only synthesis and stability have cases.", "Leave out --cases.")
@@ -184,16 +184,16 @@ def evaluate(
         report = evaluate_representation(data_folder(), output, pixels=pixels, methods=chosen)
         table = main_table(report)
     elif what == "stability":
-        from .evaluation.stability import STRESSES, evaluate_stability
-        from .evaluation.stability_report import stability_table
+        from .evaluation.stability.evaluate import STRESSES, evaluate_stability
+        from .evaluation.stability.report import stability_table
 
         report = evaluate_stability(
             data_folder(), output, methods=methods or None, stresses=cases or None
         )
         table = stability_table(report, STRESSES)
     else:
-        from .evaluation.synthesis import evaluate_synthesis
-        from .evaluation.synthesis_report import tables
+        from .evaluation.synthesis.evaluate import evaluate_synthesis
+        from .evaluation.synthesis.report import tables
 
         report = evaluate_synthesis(
             data_folder(), output, pixels=pixels, methods=methods or None, cases=cases or None

@@ -15,6 +15,7 @@ from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from model_runtime.atomic import replaced
 from model_runtime.errors import (
     ModelFileError,
     TvbrdfError,
@@ -22,7 +23,6 @@ from model_runtime.errors import (
     reason,
     shown,
 )
-from model_runtime.files import replaced
 from model_runtime.memory import ran_out_of_memory
 
 __all__ = ("DivergedError", "load_checkpoint", "save_checkpoint")

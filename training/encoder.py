@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from model_runtime.files import check_writable
-from model_runtime.package import save_model
+from model_runtime.atomic import check_writable
+from model_runtime.model_files.weights import save_model
 from model_runtime.representation import Trained, build, load_representation
 from model_runtime.representation.latents import Latents, Representation, log_transform
 from model_runtime.representation.lobes import LobeRepresentation, compress
@@ -23,8 +23,8 @@ from .data.location import data_folder
 from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
 from .distillation import distil
-from .evaluation.metric import tone_map
 from .log import open_log
+from .metric.sphere import tone_map
 from .progress import Progress
 
 __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")

@@ -10,18 +10,18 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from model_runtime.atomic import check_writable
+from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.errors import shown
-from model_runtime.files import check_writable
-from model_runtime.fit import fit_angles, fit_torrance_sparrow
-from model_runtime.package import save_model
-from model_runtime.plan import viewed
+from model_runtime.model_files.weights import save_model
+from model_runtime.modelling.palette import viewed
 from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.estimator import ParameterEstimator, as_states, load_estimator
 from model_runtime.representation.latents import Latents
 from model_runtime.representation.lobes import compress
 
 from .distillation import random_states
-from .evaluation.metric import tone_map
+from .metric.sphere import tone_map
 
 __all__ = ("random_latents", "train_estimator")
 

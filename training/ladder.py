@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from model_runtime.histories import roll_out
-from model_runtime.plan import viewed, viewed_psnr, viewing_angles
+from model_runtime.modelling.palette import viewed, viewed_psnr, viewing_angles
+from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation.latents import Latents, Representation
 from model_runtime.temporal.domain import perceptual
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 
-from .histories import SourceHistories
+from .source.histories import SourceHistories
 
 __all__ = (
     "Split",

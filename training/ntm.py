@@ -13,10 +13,10 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from model_runtime.card import ModelCard, check_card
+from model_runtime.atomic import check_writable
 from model_runtime.errors import UsageError, reason, shown
-from model_runtime.files import check_writable
-from model_runtime.package import hash_tensors, read_card, save_model
+from model_runtime.model_files.card import ModelCard, check_card
+from model_runtime.model_files.weights import hash_tensors, read_card, save_model
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Representation, inverse_log_transform
 from model_runtime.representation.paper import PaperRepresentation
@@ -26,11 +26,11 @@ from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 
 from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
-from .histories import SourceHistories, source_histories
 from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
 from .log import open_log
-from .steadiness import steadied
-from .timing import timed
+from .source.histories import SourceHistories, source_histories
+from .source.onsets import timed
+from .source.steadiness import steadied
 
 __all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
 

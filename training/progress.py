@@ -11,7 +11,7 @@ from torch import Tensor
 from model_runtime.representation.latents import Representation
 
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
-from .evaluation.metric import Sphere, psnr
+from .metric.sphere import Sphere, psnr
 
 __all__ = ("Progress",)
 

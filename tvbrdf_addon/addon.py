@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import cli, follow, forecast, operators, panels, preferences, properties, session
+from . import cli, follow, operators, outlook, panels, preferences, properties, session
 
 __all__ = ("CLASSES", "register", "unregister")
 
@@ -25,7 +25,7 @@ def unregister() -> None:
     session.unregister()
     operators.unregister()
     follow.unregister()
-    forecast.unregister()
+    outlook.unregister()
     cli.unregister()
     properties.unregister()
     for cls in reversed(CLASSES):

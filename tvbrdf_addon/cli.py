@@ -15,8 +15,8 @@ from pathlib import Path
 
 import bpy
 
-from ..model_runtime import package
 from ..model_runtime.console import Parser
+from ..model_runtime.model_files import weights
 from ..model_runtime.request import MOST_FRAMES
 from . import preferences, properties, session
 from .errors import SettingsError
@@ -101,7 +101,7 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
     if arguments.ntm.endswith(".safetensors"):
         settings.ntm, settings.ntm_file = properties.OWN_FILE, str(Path(arguments.ntm).absolute())
     else:
-        package.find_model(arguments.ntm, preferences.model_folders())
+        weights.find_model(arguments.ntm, preferences.model_folders())
         settings.ntm = arguments.ntm
     settings.frame_start, settings.frame_end = arguments.frames
     _apply_onset(arguments, settings)

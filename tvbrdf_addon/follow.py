@@ -7,9 +7,9 @@ from bpy.app.handlers import persistent
 
 from . import properties
 from .known import scene_of
-from .material.onset import showing
-from .material.record import is_aged
-from .material.retime import keyed_range, retime
+from .material.binding.retime import keyed_range, retime
+from .material.nodes.record import is_aged
+from .material.reading.onset import showing
 
 __all__ = ("follow", "register", "unregister")
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..model_runtime import package
 from ..model_runtime.errors import shown
+from ..model_runtime.model_files import weights
 
 __all__ = ("OWN_FILE", "Models", "enum_number", "models_in")
 
@@ -19,7 +19,7 @@ OWN_FILE = "file"
 class Models(NamedTuple):
     """The `cards` by name, the `items` of the list, and of each file left out a sentence why."""
 
-    cards: dict[str, package.ModelCard]
+    cards: dict[str, weights.ModelCard]
     items: list[tuple[str, str, str, str, int]]
     left_out: tuple[str, ...]
 
@@ -52,8 +52,8 @@ def _written(folder: Path) -> float | None:
 
 def _read(folders: Sequence[Path]) -> Models:
     left_out: list[str] = []
-    cards: dict[str, package.ModelCard] = {}
-    for card in package.list_models(folders, skipped=lambda error: left_out.append(str(error))):
+    cards: dict[str, weights.ModelCard] = {}
+    for card in weights.list_models(folders, skipped=lambda error: left_out.append(str(error))):
         if card.name == OWN_FILE:
             left_out.append(f"{shown(card.path.name)} calls itself {OWN_FILE}. Rename the model.")
         else:

@@ -9,12 +9,12 @@ import bpy
 
 from . import session
 from .errors import SettingsError
-from .forecast import is_worth_a_preview
 from .known import scene_of
 from .log import is_cancel, said_of
-from .material.freeze import freeze
-from .material.record import is_live
-from .material.revert import is_aged, revert
+from .material.binding.freeze import freeze
+from .material.nodes.record import is_live
+from .material.nodes.revert import is_aged, revert
+from .outlook import is_worth_a_preview
 from .run import Run, object_with, why_not
 
 __all__ = ("CLASSES", "find_material", "material_of", "unregister")
@@ -279,7 +279,7 @@ class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
             material, scene = self.aged_target(context)
             if is_live(material):
                 # Only now: numpy, which it needs, has no part in starting Blender.
-                from .material.live.freeze import freeze_live
+                from .material.binding.freeze_live import freeze_live
 
                 for warning in freeze_live(material, object_with(material, scene), scene):
                     self.report({"WARNING"}, warning)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..model_runtime.commit import is_free
+from ..model_runtime.output.commit import is_free
 from .errors import SettingsError
 
 __all__ = ("file_safe", "folder_meant", "free_folder", "require_writable")

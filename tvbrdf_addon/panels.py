@@ -11,18 +11,18 @@ import bpy
 from ..model_runtime.errors import shown
 from . import properties, session
 from .estimate import LONG_SECONDS, in_bytes, in_time
-from .forecast import forecast
 from .known import known, scene_of
 from .log import said_of
-from .material.age import age_path
-from .material.chosen import object_with
-from .material.onset import is_invertible
-from .material.record import is_live
+from .material.nodes.age import age_path
+from .material.nodes.record import is_live
+from .material.nodes.revert import is_aged
+from .material.reading.chosen import object_with
+from .material.reading.onset import is_invertible
 from .material.result import result_folder
-from .material.revert import is_aged
 from .operators import material_of
-from .report import report_in
+from .outlook import forecast
 from .run import Run, why_not
+from .sentences import report_in
 from .sharing import left_out
 
 __all__ = ("CLASSES",)

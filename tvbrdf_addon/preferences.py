@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ..model_runtime import package
+from ..model_runtime.model_files import weights
 from .launch import Launch
 from .models import models_in
 
@@ -67,8 +67,8 @@ def model_folders() -> Sequence[Path]:
     """The folders whose models can be chosen: the bundled one, and the user's."""
     preferences = _preferences()
     if preferences is None or not preferences.models_folder:
-        return (package.MODELS,)
-    return (package.MODELS, Path(bpy.path.abspath(preferences.models_folder)))
+        return (weights.MODELS,)
+    return (weights.MODELS, Path(bpy.path.abspath(preferences.models_folder)))
 
 
 def launch() -> Launch:
@@ -77,7 +77,7 @@ def launch() -> Launch:
     python = f"python{sys.version_info.major}.{sys.version_info.minor}"
     preferences = _preferences()
     return Launch(
-        runtime=package.MODELS.parents[1],
+        runtime=weights.MODELS.parents[1],
         site_packages=(extensions / ".local" / "lib" / python / "site-packages",),
         interpreter=preferences.worker_python if preferences else "",
         idle_minutes=preferences.idle_minutes if preferences else IDLE_MINUTES,

@@ -7,12 +7,12 @@ from typing import Literal, TypeAlias
 
 import bpy
 
-from ..model_runtime import package
+from ..model_runtime.model_files import weights
 from ..model_runtime.request import MOST_FRAMES
 from . import preferences
 from .known import scene_of
-from .material.ownership import TAG
-from .material.retime import retime
+from .material.binding.retime import retime
+from .material.nodes.ownership import TAG
 from .models import OWN_FILE, enum_number, models_in
 
 __all__ = (
@@ -303,17 +303,17 @@ def frame_range(material: bpy.types.Material, scene: bpy.types.Scene) -> tuple[i
     return settings.frame_start, settings.frame_end
 
 
-def card_of(settings: TVBRDF_PG_material) -> package.ModelCard | None:
+def card_of(settings: TVBRDF_PG_material) -> weights.ModelCard | None:
     """The card of the chosen model; None where it is a file of the user's or no longer there."""
     return card_named(settings.ntm)
 
 
-def card_named(name: str) -> package.ModelCard | None:
+def card_named(name: str) -> weights.ModelCard | None:
     """The card of a model that can be chosen; None where there is none called that."""
     return models_in(preferences.model_folders()).cards.get(name)
 
 
-def usual_model(card: package.ModelCard) -> str | None:
+def usual_model(card: weights.ModelCard) -> str | None:
     """The temporal model that the card names; None where it names none that is known."""
     named = card.details.get("temporal_model")
     return named if any(named == item[0] for item in TEMPORAL_MODELS[1:]) else None

@@ -15,20 +15,20 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..model_runtime.commit import recover
 from ..model_runtime.errors import Cancelled
-from . import forecast, output, properties
+from ..model_runtime.output.commit import recover
+from . import outlook, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
-from .material.check import why_not as why_not_readable
-from .material.chosen import object_named, object_with
-from .material.onset import is_invertible, why_no_onset
+from .material.nodes.revert import is_aged, revert
+from .material.reading.check import why_not as why_not_readable
+from .material.reading.chosen import object_named, object_with
+from .material.reading.onset import is_invertible, why_no_onset
 from .material.result import result_folder
-from .material.revert import is_aged, revert
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
 
 if TYPE_CHECKING:
-    from .material.read import Reading
+    from .material.reading.read import Reading
 
 __all__ = ("Plan", "Run", "plan", "take_preview_back", "why_not")
 
@@ -242,8 +242,8 @@ class Run:
     def _read(self, folder: Path) -> tuple[Reading, dict[str, Any]]:
         """What was read of the material, and the request with it."""
         # Only now: numpy, which it needs, has no part in drawing a panel.
-        from .material.onset_map import write_onset
-        from .material.read import read
+        from .material.reading.onset_map import write_onset
+        from .material.reading.read import read
 
         scene = _by_uid(bpy.data.scenes, self.plan.scene_uid)
         obj = _by_uid(bpy.data.objects, self.plan.object_uid)
@@ -272,7 +272,7 @@ class Run:
         return reading, request
 
     def _show_preview(self, request: dict[str, Any], reading: Reading) -> Iterator[None]:
-        from .material.bind import bind
+        from .material.binding.bind import bind
 
         if is_aged(self._material()):
             return  # what it shows says more
@@ -330,7 +330,7 @@ class Run:
                     self.aged = result
 
     def _bind(self, reading: Reading) -> None:
-        from .material.bind import bind
+        from .material.binding.bind import bind
 
         self.stage, self.fraction = "Building the nodes", 1.0
         material = self._material()
@@ -349,7 +349,7 @@ class Run:
         folder = str(self.plan.folder)
         material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder
         material.tvbrdf.size_reason = self.size_reason
-        forecast.learn(self.aged, self.plan.folder)
+        outlook.learn(self.aged, self.plan.folder)
 
     def _material(self) -> bpy.types.Material:
         material = _by_uid(bpy.data.materials, self.plan.material_uid)

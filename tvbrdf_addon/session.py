@@ -10,7 +10,7 @@ from typing import Literal
 import bpy
 from bpy.app.handlers import persistent
 
-from ..model_runtime.commit import recover
+from ..model_runtime.output.commit import recover
 from . import preferences
 from .errors import SettingsError
 from .log import tell

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from .material.record import is_live, plays
+from .material.nodes.record import is_live, plays
 
 __all__ = ("GltfHook", "left_out")
 

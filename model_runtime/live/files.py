@@ -16,11 +16,11 @@ import torch
 from torch import Tensor
 
 from ..brdf.principled import EXACT_F0
-from ..compose import AgedTexels
 from ..images import read_image
 from ..maps import Halves
-from ..result import REPORT, StagedResult
-from ..writing import Format
+from ..modelling.compose import AgedTexels
+from ..output.frames import Format
+from ..output.stored import REPORT, StagedResult
 from .evaluate import COEFFICIENTS_A_FILE, Curves, LiveMaps
 from .low_rank import MOST_COEFFICIENTS, LowRank
 

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from ..brdf import principled
-from ..compose import AgedTexels
 from ..maps import PrincipledMaps, TorranceSparrowMaps
-from ..plan import look, viewed
+from ..modelling.compose import AgedTexels
+from ..modelling.palette import look, viewed
 from .low_rank import LowRank, at_ages, fit_low_rank
 
 __all__ = ("Fitted", "fit_live")

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..compose import AgedTexels
 from ..maps import Pixels
-from ..plan import Palette
+from ..modelling.compose import AgedTexels
+from ..modelling.palette import Palette
 from ..temporal.domain import perceptual
 from .evaluate import ROUGHNESS_MIN, Curves
 

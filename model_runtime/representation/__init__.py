@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import ModelFileError
-from ..package import ENCODER, hash_tensors, load_model
+from ..model_files.weights import ENCODER, hash_tensors, load_model
 from .lobes import LobeRepresentation
 from .paper import JointRepresentation, PaperRepresentation
 

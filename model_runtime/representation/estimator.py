@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ..brdf.torrance_sparrow import ALPHA_MIN
 from ..errors import ModelFileError
-from ..package import ESTIMATOR, load_model
+from ..model_files.weights import ESTIMATOR, load_model
 from .latents import Latents
 from .lobes import compress, expand, mlp
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from torch import Tensor
 
 from ..errors import ModelFileError, shown
-from ..package import ModelCard, load_model
-from ..timing import Timing
+from ..model_files.weights import ModelCard, load_model
 from .domain import FOREIGN_SHARE, MOST_CENTRES, Domain
 from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
+from .pace import Timing
 
 __all__ = ("LADDER", "NeuralTemporalModel")
 

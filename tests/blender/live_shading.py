@@ -44,7 +44,10 @@ def build(extension: str, case: Path) -> bpy.types.Material:
     principled.inputs["Specular Tint"].default_value = (*TINT, 1)
     _add_plane(material)
     room = f"{extension}.tvbrdf_addon.material"
-    bind, read, space = (importlib.import_module(f"{room}.{n}") for n in ("bind", "read", "space"))
+    bind, read, space = (
+        importlib.import_module(f"{room}.{name}")
+        for name in ("binding.bind", "reading.read", "reading.space")
+    )
     size = (color.image.size[1], color.image.size[0])
     sampling = space.Sampling(interpolation="Closest")
     reading = read.Reading(size, read.TextureSize(max(size), ""), False, None, (), sampling)

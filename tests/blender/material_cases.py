@@ -193,7 +193,7 @@ def _animation(tree: bpy.types.NodeTree) -> object:
     data = tree.animation_data
     if data is None:
         return None
-    from tvbrdf.tvbrdf_addon.material.animation import channels
+    from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
 
     def curve(each: bpy.types.FCurve) -> object:
         points = [

@@ -25,7 +25,7 @@ from tests.blender.material_cases import (
     render,
     view_from_above,
 )
-from tvbrdf.tvbrdf_addon.material.read import read
+from tvbrdf.tvbrdf_addon.material.reading.read import read
 
 
 def main(folder: Path) -> None:

@@ -55,7 +55,9 @@ def show_result(extension: str, material: bpy.types.Material, folder: Path) -> d
     `extension` is the module that the extension is installed as.
     """
     room = f"{extension}.tvbrdf_addon.material"
-    bind, read = (importlib.import_module(f"{room}.{name}") for name in ("bind", "read"))
+    bind, read = (
+        importlib.import_module(f"{room}.{name}") for name in ("binding.bind", "reading.read")
+    )
     aged = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
     size, frames = tuple(aged["size"]), len(aged["times"])
     reading = read.Reading(size, read.TextureSize(max(size), ""), False, None, ())

@@ -15,10 +15,10 @@ import pytest
 
 from tests.blender.material_cases import made_up, principled_of, render, view_from_above
 from tests.blender.test_bind import emitting
-from tvbrdf.tvbrdf_addon.material.animation import channels
-from tvbrdf.tvbrdf_addon.material.freeze import freeze
-from tvbrdf.tvbrdf_addon.material.record import is_live
-from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
+from tvbrdf.tvbrdf_addon.material.nodes.record import is_live
+from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
 HERE = Path(__file__).resolve().parent
 pytestmark = pytest.mark.skipif(bpy.app.version < (4, 5), reason="the file is of Blender 4.5")

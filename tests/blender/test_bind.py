@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("empty_scene")
 
 
 def read(material, obj, tmp_path: Path):
-    from tvbrdf.tvbrdf_addon.material.read import read as read_material
+    from tvbrdf.tvbrdf_addon.material.reading.read import read as read_material
 
     folder = tmp_path / "maps"
     folder.mkdir(exist_ok=True)
@@ -38,7 +38,7 @@ def read(material, obj, tmp_path: Path):
 
 
 def bind(material, obj, folder: Path, tmp_path: Path, span=(1, 10)):
-    from tvbrdf.tvbrdf_addon.material.bind import bind as bind_material
+    from tvbrdf.tvbrdf_addon.material.binding.bind import bind as bind_material
 
     return bind_material(
         material=material,
@@ -65,7 +65,7 @@ def test_age_is_a_keyed_property_and_drivers_are_simple(tmp_path):
     material = new_material()
     procedural(material)
     bind(material, plane(material), made_up(tmp_path / "aged"), tmp_path, span=(5, 25))
-    from tvbrdf.tvbrdf_addon.material.animation import channels
+    from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
 
     (curve,) = channels(material)
     assert curve.data_path == '["Age"]'
@@ -140,7 +140,7 @@ def test_moving_the_keys_of_age_retimes(tmp_path):
     view_from_above()
     bind(material, obj, made_up(tmp_path / "aged"), tmp_path)
     emitting(material)
-    from tvbrdf.tvbrdf_addon.material.animation import channels
+    from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
 
     for curve in channels(material):
         for point, at in zip(curve.keyframe_points, (101, 110), strict=True):
@@ -173,7 +173,7 @@ def test_uniform_material_gets_keyed_sockets_and_no_textures(tmp_path):
         assert inputs["Roughness"].default_value == pytest.approx(value, rel=1e-3)
         np.testing.assert_allclose(inputs["Base Color"].default_value[:3], value, rtol=1e-3)
         assert inputs["Metallic"].default_value == 0
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     revert(material)
     assert snapshot(material) == before
@@ -247,7 +247,7 @@ def test_paths_are_relative_to_a_saved_file(tmp_path):
 
 
 def test_two_materials_do_not_touch_each_other(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     first, second = new_material("First"), new_material("Second")
     for material in (first, second):
@@ -265,7 +265,7 @@ def test_two_materials_do_not_touch_each_other(tmp_path):
 
 
 def test_ageing_again_starts_from_the_original_and_leaves_no_images(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     procedural(material)
@@ -280,7 +280,7 @@ def test_ageing_again_starts_from_the_original_and_leaves_no_images(tmp_path):
 
 
 def test_a_copy_of_an_aged_material_reverts_alone(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     procedural(material)

@@ -22,9 +22,9 @@ from tests.blender.material_cases import (
     render,
     view_from_above,
 )
-from tvbrdf.tvbrdf_addon.material.cameras import FULL, TextureSize, all_the_cameras_see
-from tvbrdf.tvbrdf_addon.material.read import read
-from tvbrdf.tvbrdf_addon.material.space import choose_space
+from tvbrdf.tvbrdf_addon.material.reading.cameras import FULL, TextureSize, all_the_cameras_see
+from tvbrdf.tvbrdf_addon.material.reading.read import read
+from tvbrdf.tvbrdf_addon.material.reading.space import choose_space
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 OWN = 2048

@@ -13,7 +13,7 @@ pytestmark = pytest.mark.usefixtures("empty_scene")
 
 
 def chosen(material: bpy.types.Material) -> str:
-    from tvbrdf.tvbrdf_addon.material.chosen import object_with
+    from tvbrdf.tvbrdf_addon.material.reading.chosen import object_with
 
     bpy.context.view_layer.update()
     found = object_with(material, bpy.context.scene)
@@ -139,7 +139,7 @@ def test_a_name_that_is_no_way_out_is_not_given(tmp_path):
 
 def test_named_objects():
     from tvbrdf.tvbrdf_addon.errors import SettingsError
-    from tvbrdf.tvbrdf_addon.material.chosen import object_named
+    from tvbrdf.tvbrdf_addon.material.reading.chosen import object_named
 
     material, scene = new_material(), bpy.context.scene
     named(material, "A")

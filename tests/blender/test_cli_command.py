@@ -22,7 +22,7 @@ import pytest
 from tests.blender.material_cases import pixels
 from tvbrdf.tvbrdf_addon import session
 from tvbrdf.tvbrdf_addon.cli import main
-from tvbrdf.tvbrdf_addon.material.revert import is_aged
+from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
 
 STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"
 USUAL = ("--ntm", "rust", "--frames", "1-20", "--steps", "4", "--onset", "none", "--size", "16")

@@ -16,8 +16,8 @@ pytestmark = pytest.mark.usefixtures("empty_scene")
 
 @pytest.mark.parametrize("override", [False, True])
 def test_a_linked_material_is_left_to_its_own_file(tmp_path, override):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     aged(tmp_path)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
@@ -40,8 +40,8 @@ def test_a_linked_material_is_left_to_its_own_file(tmp_path, override):
 @pytest.mark.parametrize("build", [awkward, in_nested_groups])
 def test_a_material_made_local_leaves_what_is_linked_alone(tmp_path, build):
     """Only the material: its images, its action and its groups are the other file's still."""
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     _, before, _ = aged(tmp_path, build)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
@@ -65,7 +65,7 @@ def test_a_material_made_local_leaves_what_is_linked_alone(tmp_path, build):
 @pytest.mark.parametrize("build", [awkward, in_nested_groups])
 def test_an_appended_material_reverts_exactly(tmp_path, build):
     """Into a file that has other data-blocks of the same names."""
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     other = new_material("Other")
     build(other)
@@ -91,8 +91,8 @@ def test_an_appended_material_reverts_exactly(tmp_path, build):
 
 
 def test_nodes_pasted_from_an_aged_material_stay(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.ownership import TAG
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.ownership import TAG
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     awkward(material)
@@ -113,7 +113,7 @@ def test_a_damaged_record_is_spoken_of_by_the_name_of_its_material(tmp_path):
 
 
 def test_a_group_of_a_library_is_copied_and_comes_back(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     in_nested_groups(new_material())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
@@ -134,8 +134,8 @@ def test_a_group_of_a_library_is_copied_and_comes_back(tmp_path):
 @pytest.mark.parametrize("build", [awkward, in_nested_groups])
 @pytest.mark.parametrize("kind", ["principled", "torrance-sparrow"])
 def test_every_copy_reverts_exactly_in_any_order(tmp_path, build, kind):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material, before, _ = aged(tmp_path, build, kind)
     copies = [material, material.copy(), material.copy()]
@@ -156,7 +156,7 @@ def test_every_copy_reverts_exactly_in_any_order(tmp_path, build, kind):
 
 @pytest.mark.parametrize("build", [awkward, in_nested_groups])
 def test_undo_and_redo_take_and_give_the_whole_ageing(tmp_path, build):
-    from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     material = new_material()
     build(material)

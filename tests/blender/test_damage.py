@@ -90,8 +90,8 @@ def _at(data, path: tuple):
 @pytest.mark.parametrize("summed", [False, True], ids=["as it is", "with a check sum that fits"])
 def test_a_damaged_record_leaves_the_material_alone(tmp_path, summed):
     """Any field of any other value, or absent: a sentence, or a revert that raises nothing."""
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     material, before, _ = aged(tmp_path, kind="torrance-sparrow")
     whole = json.loads(material.tvbrdf.original)
@@ -127,8 +127,8 @@ def test_a_damaged_record_leaves_the_material_alone(tmp_path, summed):
 
 
 def test_a_record_of_version_0_1_which_has_no_check_sum_is_understood(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.record import forget_names
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.record import forget_names
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material, before, _ = aged(tmp_path)
     data = json.loads(material.tvbrdf.original)
@@ -141,7 +141,7 @@ def test_a_record_of_version_0_1_which_has_no_check_sum_is_understood(tmp_path):
 
 @pytest.mark.parametrize("text", ["[]", "{}", "7", "[" * 100_000, '{"version": 2}', '"x"', "\\"])
 def test_so_does_text_that_is_no_record(tmp_path, text):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     material.tvbrdf.original = text
@@ -165,8 +165,8 @@ def relabel_all(material) -> None:
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("change", [rename_all, relabel_all])
 def test_renamed_and_relabeled_nodes_are_found_again(tmp_path, change, kind, frozen):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material, before, _ = aged(tmp_path, kind=kind)
     change(material)
@@ -189,7 +189,7 @@ def delete_age(material) -> None:
 
 
 def delete_ours(material) -> None:
-    from tvbrdf.tvbrdf_addon.material.record import tagged
+    from tvbrdf.tvbrdf_addon.material.nodes.record import tagged
 
     for node in tagged(material.node_tree)[::2]:
         material.node_tree.nodes.remove(node)
@@ -277,8 +277,8 @@ EDITS = (
 @pytest.mark.parametrize("kind", ["principled", "torrance-sparrow"])
 @pytest.mark.parametrize("edit", EDITS)
 def test_whatever_the_artist_edits_a_sentence_or_the_deed(tmp_path, edit, kind, build):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     material, _, obj = aged(tmp_path, build, kind)
     edit(material)
@@ -291,9 +291,9 @@ def test_whatever_the_artist_edits_a_sentence_or_the_deed(tmp_path, edit, kind, 
 
 
 def test_nodes_of_ours_that_were_grouped_are_to_be_ungrouped(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.ownership import TAG
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.ownership import TAG
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material, _, _ = aged(tmp_path)
     node = add(material, "ShaderNodeGroup", label="Mine")
@@ -309,8 +309,8 @@ def test_nodes_of_ours_that_were_grouped_are_to_be_ungrouped(tmp_path):
 @SHARED
 @given(order=st.lists(st.sampled_from(EDITS), min_size=2, max_size=4), frozen=st.booleans())
 def test_so_in_any_order(tmp_path, order, frozen):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     material, _, _ = aged(tmp_path, in_nested_groups if len(order) % 2 else awkward)
@@ -330,8 +330,8 @@ def test_so_in_any_order(tmp_path, order, frozen):
 
 @pytest.mark.parametrize("frame", [1, 6, 99])
 def test_freezing_without_age_keeps_what_is_shown_and_the_artists_keys(tmp_path, frame):
-    from tvbrdf.tvbrdf_addon.material.animation import channels
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
 
     material, before, _ = aged(tmp_path)
     view_from_above()
@@ -347,7 +347,7 @@ def test_freezing_without_age_keeps_what_is_shown_and_the_artists_keys(tmp_path,
 
 
 def test_freezing_a_relabeled_age_is_freezing(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 
     images = []
     for change in (relabel_all, rename_all, lambda _: None):
@@ -366,7 +366,7 @@ def test_freezing_a_relabeled_age_is_freezing(tmp_path):
 
 
 def test_freezing_with_a_texture_gone_from_the_disk_says_which(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 
     material, _, _ = aged(tmp_path)
     (tmp_path / "aged" / "roughness_0004.exr").unlink()

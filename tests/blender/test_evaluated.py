@@ -182,7 +182,7 @@ def test_nodes_that_tell_a_view_from_a_render_apart(tmp_path):
 
 def test_memory_that_is_not_there_is_not_asked_for(monkeypatch):
     from tvbrdf.tvbrdf_addon.errors import MaterialError
-    from tvbrdf.tvbrdf_addon.material import pixels
+    from tvbrdf.tvbrdf_addon.material.reading import pixels
 
     pixels.require_memory((1024, 1024), 100)
     sizes = {"SC_PHYS_PAGES": 1000, "SC_PAGE_SIZE": 4096}
@@ -347,7 +347,7 @@ def _set_material(obj: bpy.types.Object, material: bpy.types.Material) -> None:
 
 
 def test_a_material_in_no_slot_that_nodes_give(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.chosen import object_with
+    from tvbrdf.tvbrdf_addon.material.reading.chosen import object_with
 
     material = baked_material()
     plane()

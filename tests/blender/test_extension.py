@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from model_runtime import package
+from model_runtime.model_files import weights
 
 if TYPE_CHECKING:
     from .conftest import RunBlender
@@ -72,7 +72,7 @@ def test_zip_holds_what_belongs_and_nothing_else(extension_zip: Path) -> None:
     assert {"torch", "openexr", "safetensors", "pillow"} <= wheels
     assert "numpy" not in wheels, "Blender brings its own numpy"
     models = {Path(name).name for name in names if name.startswith("model_runtime/models/")}
-    assert {path.name for path in package.MODELS.glob("*.safetensors")} <= models
+    assert {path.name for path in weights.MODELS.glob("*.safetensors")} <= models
 
 
 def test_zip_is_built_once(extension_zip: Path) -> None:

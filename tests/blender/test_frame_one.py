@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from model_runtime.brdf import principled
-from model_runtime.inputs import read_input
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from model_runtime.reading.inputs import read_input
 from tests.blender.material_cases import (
     add,
     add_sun,

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("empty_scene")
 
 @pytest.mark.parametrize(("frame", "shown"), [(1, 1), (2, 4 / 3), (4, 2), (10, 4), (99, 4)])
 def test_the_frame_stays_whatever_the_time(tmp_path, frame, shown):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 
     material = new_material()
     procedural(material)
@@ -33,7 +33,7 @@ def test_the_frame_stays_whatever_the_time(tmp_path, frame, shown):
     freeze(material, frame)
     data = material.node_tree.animation_data
     assert not data.drivers
-    from tvbrdf.tvbrdf_addon.material.animation import channels
+    from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
 
     assert not len(channels(material.node_tree))
     emitting(material)
@@ -43,7 +43,7 @@ def test_the_frame_stays_whatever_the_time(tmp_path, frame, shown):
 
 
 def test_uniform_materials_freeze_between_keys(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 
     material = new_material()
     material.tvbrdf.onset = "none"
@@ -59,8 +59,8 @@ def test_uniform_materials_freeze_between_keys(tmp_path):
 
 @pytest.mark.parametrize("size", [1, 4])
 def test_a_frozen_material_reverts(tmp_path, size):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     procedural(material)
@@ -76,7 +76,7 @@ def test_a_frozen_material_reverts(tmp_path, size):
 
 
 def test_freezing_a_copy_leaves_the_other_playing(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 
     material = new_material()
     procedural(material)
@@ -92,7 +92,7 @@ def test_freezing_a_copy_leaves_the_other_playing(tmp_path):
 
 def test_what_is_not_aged_cannot_be_frozen():
     from tvbrdf.tvbrdf_addon.errors import MaterialError
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 
     with pytest.raises(MaterialError, match="not aged"):
         freeze(new_material(), 1)

@@ -26,8 +26,8 @@ from tests.blender.material_cases import (
 from tests.blender.surface_cases import in_nested_groups
 from tests.blender.test_bind import bind
 from tests.blender.test_revert import awkward, settled
-from tvbrdf.tvbrdf_addon.material.animation import channels
-from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
+from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 FORMATS = ("principled", "principled-exact", "torrance-sparrow")
@@ -378,9 +378,9 @@ def test_textures_are_looked_up_as_the_artists_are(tmp_path):
 
 
 def test_udim_tiles_lie_in_one_texture(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.bind import bind as bind_material
-    from tvbrdf.tvbrdf_addon.material.read import Reading, TextureSize
-    from tvbrdf.tvbrdf_addon.material.tiles import Tiles
+    from tvbrdf.tvbrdf_addon.material.binding.bind import bind as bind_material
+    from tvbrdf.tvbrdf_addon.material.reading.read import Reading, TextureSize
+    from tvbrdf.tvbrdf_addon.material.reading.tiles import Tiles
 
     material = new_material()
     plane(material)

@@ -20,11 +20,11 @@ from tests.blender.material_cases import (
 from tests.blender.test_bind import bind
 from tests.blender.test_live import data_blocks, emitting, shown
 from tests.blender.test_revert import settled
-from tvbrdf.tvbrdf_addon.material.animation import channels, remove_keys
-from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
-from tvbrdf.tvbrdf_addon.material.pixels import read_exr
+from tvbrdf.tvbrdf_addon.material.binding.freeze_live import freeze_live
+from tvbrdf.tvbrdf_addon.material.nodes.animation import channels, remove_keys
+from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
+from tvbrdf.tvbrdf_addon.material.reading.pixels import read_exr
 from tvbrdf.tvbrdf_addon.material.result import result_folder
-from tvbrdf.tvbrdf_addon.material.revert import revert
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

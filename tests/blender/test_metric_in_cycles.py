@@ -30,8 +30,8 @@ from model_runtime.brdf import torrance_sparrow
 from model_runtime.maps import TorranceSparrowMaps
 from tests.blender.sphere_scene import add_spheres, light_by, render_spheres, show
 from training.data.analytic import random_torrance_sparrow
-from training.evaluation.metric import MAPS, Sphere, psnr, tone_map
-from training.evaluation.radiance import read_radiance
+from training.metric.radiance import read_radiance
+from training.metric.sphere import MAPS, Sphere, psnr, tone_map
 
 pytestmark = pytest.mark.slow
 

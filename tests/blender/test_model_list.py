@@ -10,17 +10,17 @@ from pathlib import Path
 import bpy
 import pytest
 
-from model_runtime import package
+from model_runtime.model_files import weights
 from tvbrdf.tvbrdf_addon import models, preferences, properties
 
-BUNDLED = {path.stem for path in package.MODELS.glob("*.safetensors") if "encoder" not in path.stem}
-RUST = package.MODELS / "rust.safetensors"
+BUNDLED = {path.stem for path in weights.MODELS.glob("*.safetensors") if "encoder" not in path.stem}
+RUST = weights.MODELS / "rust.safetensors"
 
 
 @pytest.fixture
 def folder(empty_scene: bpy.types.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's folder of models, chosen in the preferences."""
-    monkeypatch.setattr(preferences, "model_folders", lambda: (package.MODELS, tmp_path))
+    monkeypatch.setattr(preferences, "model_folders", lambda: (weights.MODELS, tmp_path))
     return tmp_path
 
 
@@ -98,5 +98,5 @@ def test_what_is_no_file_is_left_out_and_never_waited_for(folder: Path):
 @pytest.mark.parametrize("place", ["nowhere", "x" * 300, "file"])
 def test_a_folder_that_is_none_leaves_the_bundled_models(folder: Path, monkeypatch, place: str):
     (folder / "file").write_text("")
-    monkeypatch.setattr(preferences, "model_folders", lambda: (package.MODELS, folder / place))
+    monkeypatch.setattr(preferences, "model_folders", lambda: (weights.MODELS, folder / place))
     assert names() == BUNDLED | {"file"}

@@ -54,8 +54,8 @@ def painted(color=across, **settings) -> tuple[bpy.types.Material, bpy.types.Obj
 
 def written(material: bpy.types.Material, obj: bpy.types.Object, folder: Path):
     """What is written for the worker, and where: the module's result."""
-    from tvbrdf.tvbrdf_addon.material.onset_map import write_onset
-    from tvbrdf.tvbrdf_addon.material.read import read
+    from tvbrdf.tvbrdf_addon.material.reading.onset_map import write_onset
+    from tvbrdf.tvbrdf_addon.material.reading.read import read
 
     maps = folder / "maps"
     maps.mkdir(exist_ok=True)
@@ -121,7 +121,7 @@ def test_an_image_on_the_uv_map_keeps_its_size(tmp_path):
 
 def test_tiled_images_are_baked_to_the_uv_map_with_it(tmp_path):
     """A texture that repeats cannot start in one place."""
-    from tvbrdf.tvbrdf_addon.material.read import read
+    from tvbrdf.tvbrdf_addon.material.reading.read import read
 
     material, obj = painted()
     node = add(material, "ShaderNodeTexImage", image=bpy.data.images.new("image", 8, 4))
@@ -184,8 +184,8 @@ def test_beside_the_islands_a_margin_and_then_nothing_that_ages(tmp_path):
     material, obj = painted(lambda *_: 0.5)
     for corner in obj.data.uv_layers[0].data:
         corner.uv = corner.uv * 0.5
-    from tvbrdf.tvbrdf_addon.material import onset_map
-    from tvbrdf.tvbrdf_addon.material.evaluated import evaluated
+    from tvbrdf.tvbrdf_addon.material.reading import onset_map
+    from tvbrdf.tvbrdf_addon.material.reading.evaluated import evaluated
 
     with evaluated(obj, 1) as look:
         target = onset_map.Target(material, look, "UVMap")

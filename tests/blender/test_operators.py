@@ -16,8 +16,8 @@ import pytest
 
 from tvbrdf.tvbrdf_addon import preferences, session
 from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
-from tvbrdf.tvbrdf_addon.material.record import is_live
-from tvbrdf.tvbrdf_addon.material.revert import is_aged
+from tvbrdf.tvbrdf_addon.material.nodes.record import is_live
+from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
 from tvbrdf.tvbrdf_addon.run import Run
 
 STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"

@@ -12,8 +12,8 @@ import pytest
 from tests.blender.material_cases import snapshot
 from tests.blender.test_operators import add_material, ending, image_folders, steel
 from tvbrdf.tvbrdf_addon import session
-from tvbrdf.tvbrdf_addon.forecast import is_worth_a_preview
-from tvbrdf.tvbrdf_addon.material.revert import is_aged
+from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
+from tvbrdf.tvbrdf_addon.outlook import is_worth_a_preview
 from tvbrdf.tvbrdf_addon.run import Run
 
 STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"

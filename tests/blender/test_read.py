@@ -182,7 +182,7 @@ def test_alpha_multiplies_as_blender_does(tmp_path):
 
 
 def baked_square(material, size: tuple[int, int]) -> np.ndarray:
-    from tvbrdf.tvbrdf_addon.material.bake import Target, bake_sockets
+    from tvbrdf.tvbrdf_addon.material.reading.bake import Target, bake_sockets
 
     maps, _ = bake_sockets(material.copy(), ["Base Color"], Target(material), size=size, frame=1)
     return maps["Base Color"]
@@ -262,7 +262,7 @@ def test_animated_sockets_are_read_at_the_first_frame(tmp_path):
     for value, frame in ((0.0, 0), (1.0, 100)):
         socket.default_value = value
         socket.keyframe_insert("default_value", frame=frame)
-    from tvbrdf.tvbrdf_addon.material.animation import channels
+    from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
 
     for point in channels(material.node_tree)[0].keyframe_points:
         point.interpolation = "LINEAR"
@@ -386,7 +386,7 @@ def test_objects_without_uvs_are_refused_where_uvs_are_needed(tmp_path):
 
 
 def test_a_linked_material_is_refused_with_the_way_out(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.check import why_not
+    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
 
     new_material("Steel").use_fake_user = True
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))

@@ -64,7 +64,7 @@ def settled(material) -> dict[str, object]:
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("build", [procedural, awkward])
 def test_revert_restores_everything(tmp_path, kind, build):
-    from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     material = new_material()
     build(material)
@@ -83,7 +83,7 @@ def test_revert_restores_everything(tmp_path, kind, build):
 @pytest.mark.parametrize("size", [1, 4])
 @pytest.mark.parametrize("kind", FORMATS)
 def test_uniform_and_textured_constants_revert(tmp_path, kind, size):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     inputs = principled_of(material).inputs
@@ -100,7 +100,7 @@ def test_uniform_and_textured_constants_revert(tmp_path, kind, size):
 
 
 def test_what_the_artist_changes_after_ageing_stays(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     procedural(material)
@@ -116,7 +116,7 @@ def test_what_the_artist_changes_after_ageing_stays(tmp_path):
 
 
 def test_a_deleted_node_does_not_stop_revert(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     procedural(material)
@@ -131,7 +131,7 @@ def test_a_deleted_node_does_not_stop_revert(tmp_path):
 
 def test_a_damaged_record_is_refused_with_a_sentence(tmp_path):
     from tvbrdf.tvbrdf_addon.errors import MaterialError
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()
     for damaged in ('{"version": 99}', "nonsense", '{"version": 1}'):
@@ -157,7 +157,7 @@ def test_revert_after_reload_in_another_process(tmp_path):
         "from pathlib import Path\n"
         "import tests.conftest, tvbrdf\n"
         "from tests.blender.material_cases import snapshot\n"
-        "from tvbrdf.tvbrdf_addon.material.revert import revert\n"
+        "from tvbrdf.tvbrdf_addon.material.nodes.revert import revert\n"
         "tvbrdf.register()\n"
         "folder = Path(sys.argv[1])\n"
         "bpy.ops.wm.open_mainfile(filepath=str(folder / 'scene.blend'))\n"

@@ -15,7 +15,7 @@ import tvbrdf
 from tests.blender.live_cases import made_up_live
 from tests.blender.material_cases import image, made_up, new_material, plane, procedural
 from tests.blender.test_bind import bind
-from tvbrdf.tvbrdf_addon.material.live.freeze import freeze_live
+from tvbrdf.tvbrdf_addon.material.binding.freeze_live import freeze_live
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 
@@ -49,7 +49,7 @@ def aged(empty_scene, tmp_path: Path):
 
 
 def test_gltf_says_to_freeze_and_is_whole_then(aged, tmp_path):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 
     made, said = exported(aged, tmp_path)
     assert "pbrMetallicRoughness" not in made, "Blender exports sequences now: nothing to say"
@@ -66,7 +66,7 @@ def test_gltf_says_to_freeze_and_is_whole_then(aged, tmp_path):
 
 
 def test_a_packed_file_says_what_it_leaves_out_until_frozen(aged, tmp_path):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
     from tvbrdf.tvbrdf_addon.sharing import left_out
 
     assert left_out(aged) is None

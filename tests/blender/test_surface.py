@@ -44,8 +44,8 @@ pytestmark = pytest.mark.usefixtures("empty_scene")
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("build", MIXERS + GROUPS)
 def test_it_ages_and_comes_back(tmp_path, build: Callable, kind):
-    from tvbrdf.tvbrdf_addon.material.freeze import freeze
-    from tvbrdf.tvbrdf_addon.material.revert import is_aged, revert
+    from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     material = new_material()
     if build in MIXERS and build is not through_a_group:
@@ -142,7 +142,7 @@ def test_a_group_looks_like_its_nodes_without_a_group(tmp_path, kind):
 
 def test_what_a_group_computes_is_read_as_without_a_group(tmp_path):
     """By the UV map where position matters: noise from outside, a ramp inside, a value inside."""
-    from tvbrdf.tvbrdf_addon.material.read import read as read_material
+    from tvbrdf.tvbrdf_addon.material.reading.read import read as read_material
 
     maps = []
     for build in (in_a_group, in_nested_groups, None):
@@ -184,7 +184,7 @@ def second_principled(material) -> bpy.types.Node:
 
 
 def test_two_that_are_mixed_are_refused_by_name():
-    from tvbrdf.tvbrdf_addon.material.check import why_not
+    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
 
     material = new_material()
     second_principled(material)
@@ -195,7 +195,7 @@ def test_two_that_are_mixed_are_refused_by_name():
 
 
 def test_one_group_shown_twice_is_two_of_them():
-    from tvbrdf.tvbrdf_addon.material.check import why_not
+    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
 
     material = new_material()
     in_a_group_used_twice(material)
@@ -206,7 +206,7 @@ def test_one_group_shown_twice_is_two_of_them():
 
 
 def test_a_muted_group_is_named_as_what_it_is():
-    from tvbrdf.tvbrdf_addon.material.check import why_not
+    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
 
     material = new_material("Metal")
     in_a_group(material)
@@ -222,7 +222,7 @@ def test_a_muted_group_is_named_as_what_it_is():
 @pytest.mark.parametrize(("factor", "shown"), [(0.0, "Principled BSDF"), (1.0, "Moss"), (0.2, "")])
 def test_a_factor_that_never_changes_decides(factor: float, shown: str, by: str):
     from tvbrdf.tvbrdf_addon.errors import MaterialError
-    from tvbrdf.tvbrdf_addon.material.surface import find_principled
+    from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 
     material = new_material()
     mix = second_principled(material)
@@ -256,7 +256,7 @@ def test_a_factor_that_never_changes_decides(factor: float, shown: str, by: str)
 
 
 def test_a_color_as_factor_decides_nothing():
-    from tvbrdf.tvbrdf_addon.material.check import why_not
+    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
 
     material = new_material()
     mix = second_principled(material)
@@ -278,7 +278,7 @@ def test_a_color_as_factor_decides_nothing():
 
 
 def test_a_keyed_factor_decides_nothing():
-    from tvbrdf.tvbrdf_addon.material.check import why_not
+    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
 
     material = new_material()
     factor = second_principled(material).inputs["Fac"]

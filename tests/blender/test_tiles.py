@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
-from model_runtime.inputs import read_input
 from model_runtime.maps import PrincipledMaps
+from model_runtime.reading.inputs import read_input
 from tests.blender.material_cases import (
     add,
     image,
@@ -84,7 +84,7 @@ def painted(folder: Path, parts: Mapping[int, np.ndarray], socket: str = "Roughn
 
 
 def read(material, obj, folder: Path, size: int | None = 16):
-    from tvbrdf.tvbrdf_addon.material.read import read as read_material
+    from tvbrdf.tvbrdf_addon.material.reading.read import read as read_material
 
     maps = folder / "maps"
     maps.mkdir(exist_ok=True)
@@ -159,7 +159,7 @@ def test_what_the_cameras_see_is_said_of_a_tile(tmp_path):
 
 
 def test_too_many_pixels_for_one_image_are_made_fewer(tmp_path, monkeypatch):
-    from tvbrdf.tvbrdf_addon.material import read as module
+    from tvbrdf.tvbrdf_addon.material.reading import read as module
 
     monkeypatch.setattr(module, "_LARGEST", 24)
     material = painted(tmp_path, {number: noise(number) for number in SQUARE})
@@ -196,7 +196,7 @@ def test_frame_one_is_the_material_before_ageing(tmp_path, used):
     bind(material, obj, aged_authored(tmp_path / "aged", maps), tmp_path, span=(1, 2))
     assert psnr(before, render(tmp_path / "after.exr")) >= 50
     assert psnr(before, render(tmp_path / "aged.exr", 2)) < 40
-    from tvbrdf.tvbrdf_addon.material.revert import revert
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     revert(material)
     assert snapshot(material) == untouched
@@ -280,7 +280,7 @@ def test_one_tile_at_the_origin_is_a_plain_texture(tmp_path):
 
 def onset_of(material, obj, folder: Path) -> np.ndarray:
     from tests.blender.material_cases import pixels
-    from tvbrdf.tvbrdf_addon.material.onset_map import write_onset
+    from tvbrdf.tvbrdf_addon.material.reading.onset_map import write_onset
 
     reading = read(material, obj, folder)
     scene = bpy.context.scene
@@ -326,7 +326,7 @@ def test_a_start_image_with_tiles(tmp_path, invert):
 
 
 def test_the_forecast_counts_tiles(tmp_path):
-    from tvbrdf.tvbrdf_addon import forecast as module
+    from tvbrdf.tvbrdf_addon import outlook as module
 
     material = painted(tmp_path, {number: noise(number) for number in SQUARE})
     squares(material, [(0, 0), (1, 0)])

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import tests.conftest  # noqa: F401, it lets the extension be imported
-from tvbrdf.model_runtime.package import list_models
+from tvbrdf.model_runtime.model_files.weights import list_models
 from tvbrdf.tvbrdf_addon.estimate import Rates, Work, in_bytes, in_time
-from tvbrdf.tvbrdf_addon.report import report_in
+from tvbrdf.tvbrdf_addon.sentences import report_in
 
 
 def _report(folder: Path) -> list[str]:

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from model_runtime.brdf.half_angle import cosines
 
-from ..kept import identity, keep, read_kept
+from ..evaluation.bench.kept import identity, keep, read_kept
 
 __all__ = ("Networks", "Training", "cached_fit", "fit")
 

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from model_runtime.card import MOST_AGES, strict_json
 from model_runtime.errors import InputError, reason, shown
 from model_runtime.images import read_image
 from model_runtime.maps import HALF_MAX
-from model_runtime.timing import Timing
+from model_runtime.model_files.card import MOST_AGES, strict_json
+from model_runtime.temporal.pace import Timing
 
 __all__ = (
     "ALPHA_RANGE",

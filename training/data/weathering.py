@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model_runtime.card import MOST_AGES
+from model_runtime.atomic import replaced
 from model_runtime.errors import InputError, OutputError, reason, shown
-from model_runtime.files import replaced
 from model_runtime.images import write_exr
-from model_runtime.onset import fractal_noise, onset_map, rate_map
-from model_runtime.timing import Timing
+from model_runtime.model_files.card import MOST_AGES
+from model_runtime.temporal.onset import fractal_noise, onset_map, rate_map
+from model_runtime.temporal.pace import Timing
 
 from .kinetics import PROCESSES, history
 from .sequences import MOST_TEXELS, Sequence, uniform_times

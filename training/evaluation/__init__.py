@@ -1,0 +1,1 @@
+"""Reports: how well methods do, each a room of its own."""

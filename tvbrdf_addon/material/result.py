@@ -9,10 +9,10 @@ from pathlib import Path
 
 import bpy
 
-from ...model_runtime.commit import REPORT, recover
+from ...model_runtime.output.commit import REPORT, recover
 from ..errors import MaterialError
-from .ownership import GROUP, TAG
-from .record import tagged
+from .nodes.ownership import GROUP, TAG
+from .nodes.record import tagged
 
 __all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveFiles", "read_result", "result_folder")
 

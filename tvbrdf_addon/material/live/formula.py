@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import bpy
 
-from ..trace import input_socket
+from ..nodes.trace import input_socket
 
 __all__ = (
     "Canvas",

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import bpy
 
 from ....model_runtime.brdf.principled import EXACT_F0, PULL
-from ..ownership import GROUP
+from ..nodes.ownership import GROUP
 from .arrange import arrange
 from .formula import Canvas, Number, Triple, dot, greater, less, where, where3
 

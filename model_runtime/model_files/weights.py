@@ -1,0 +1,239 @@
+"""Model files: safetensors whose header holds a JSON card.
+
+Reading a card needs nothing but the standard library, so the add-on lists models without torch;
+only `load_model` and `save_model` import safetensors, when called.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import stat
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..atomic import replaced
+from ..errors import ModelFileError, reason, shown
+from ..memory import ran_out_of_memory
+from .card import ModelCard, check_card, strict_json
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+__all__ = (
+    "ENCODER",
+    "ESTIMATOR",
+    "FORMAT_VERSION",
+    "MODELS",
+    "ModelCard",
+    "find_model",
+    "hash_tensors",
+    "list_models",
+    "load_model",
+    "read_card",
+    "save_model",
+)
+
+FORMAT_VERSION = 1
+MODELS = Path(__file__).parents[1] / "models"
+ENCODER = MODELS / "encoder.safetensors"
+ESTIMATOR = MODELS / "encoder.estimator.safetensors"
+
+_FORMATS = {
+    "encoder": "tvbrdf-encoder",
+    "estimator": "tvbrdf-estimator",
+    "ntm": "tvbrdf-ntm",
+}
+_MAX_HEADER = 1 << 20
+_MAX_FILE = 1 << 28
+_LARGEST_WEIGHT = 1e4
+"""Beyond any that training makes: those of the bundled models stay below 6."""
+
+_NO_CARD = (KeyError, TypeError, ValueError, IndexError, OverflowError, RecursionError)
+
+
+def _header(path: Path) -> tuple[dict[str, Any], int]:
+    """The safetensors header and the offset at which the tensors begin."""
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise ValueError("it is not a file")
+        size = status.st_size
+        with path.open("rb") as file:
+            length = struct.unpack("<Q", file.read(8))[0]
+            if size > _MAX_FILE or not 0 < length <= min(_MAX_HEADER, size - 8):
+                raise ValueError("its header does not fit")
+            header = strict_json(file.read(length))
+            if not isinstance(header, dict):
+                raise ValueError("its header is not an object")
+            return header, 8 + length
+    except FileNotFoundError as error:
+        raise ModelFileError(
+            f"There is no model file {shown(path)}.", "Check the path, or choose a bundled model."
+        ) from error
+    except (OSError, ValueError, RecursionError, struct.error) as error:
+        raise ModelFileError(
+            f"{shown(path.name)} is not a model file ({reason(error)}).",
+            "Copy or download it again.",
+        ) from error
+
+
+def read_card(path: Path) -> ModelCard:
+    """The card of the model file at `path`.
+
+    Raises ModelFileError for a file that is missing, truncated, damaged, without a card, with one
+    that cannot be shown or lacks what is needed, or of a newer version than this program knows.
+    """
+    header, start = _header(path)
+    file = shown(path.name)
+    try:
+        card = strict_json(header.pop("__metadata__", {})["card"])
+        kind = {value: key for key, value in _FORMATS.items()}[card["format"]]
+        version = int(card["version"])
+        end = max(int(entry["data_offsets"][1]) for entry in header.values())
+        size = path.stat().st_size
+    except (*_NO_CARD, OSError) as error:
+        raise ModelFileError(
+            f"{file} carries no card of a tvbrdf model.",
+            "Choose a file made by `python -m training`.",
+        ) from error
+    if version > FORMAT_VERSION:
+        raise ModelFileError(
+            f"{file} has format version {shown(version)}; this program knows {FORMAT_VERSION}.",
+            "Update the extension.",
+        )
+    if size != start + end:
+        raise ModelFileError(f"{file} is truncated or damaged.", "Copy or download it again.")
+    try:
+        fields = check_card(kind, card)
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(
+            f"The card of {file} cannot be used: {reason(error)}.",
+            "Train the model again, or remove the file.",
+        ) from error
+    return ModelCard(path=path, kind=kind, version=version, **fields)
+
+
+def list_models(
+    folders: Sequence[Path] = (MODELS,),
+    *,
+    skipped: Callable[[ModelFileError], None] = lambda error: None,
+) -> list[ModelCard]:
+    """The cards of all NTMs in `folders`, by title. `skipped` hears of each file and folder that
+    cannot be read.
+    """
+    cards = []
+    for folder in folders:
+        try:
+            files = [path for path in folder.iterdir() if path.suffix == ".safetensors"]
+        except FileNotFoundError:
+            continue
+        except (OSError, ValueError) as error:  # ValueError: no path at all
+            skipped(
+                ModelFileError(
+                    f"The folder {shown(folder)} cannot be read ({reason(error)}).",
+                    "Choose another folder for models.",
+                )
+            )
+            continue
+        for path in sorted(files):
+            try:
+                cards.append(read_card(path))
+            except ModelFileError as error:
+                skipped(error)
+    return sorted((card for card in cards if card.kind == "ntm"), key=lambda card: card.title)
+
+
+def find_model(name_or_file: str, folders: Sequence[Path] = (MODELS,)) -> Path:
+    """The file of the NTM called `name_or_file`, or that path itself where it names a file."""
+    if name_or_file.endswith(".safetensors"):
+        return Path(name_or_file)
+    cards = list_models(folders)
+    for card in cards:
+        if card.name == name_or_file:
+            return card.path
+    known = ", ".join(card.name for card in cards) or "none"
+    raise ModelFileError(
+        f"There is no model called '{shown(name_or_file)}'.",
+        f"Use one of these: {known}; or give the path of a .safetensors file.",
+    )
+
+
+def hash_tensors(tensors: Mapping[str, Tensor]) -> str:
+    """Sixteen hexadecimal digits that identify names, shapes and values of `tensors`."""
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        value = tensors[name].detach().cpu().contiguous()
+        digest.update(f"{name}{tuple(value.shape)}{value.dtype}".encode())
+        digest.update(value.numpy().tobytes())
+    return digest.hexdigest()[:16]
+
+
+def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
+    """Tensors and card of the model file at `path`, which must be of `kind`."""
+    import safetensors
+    import torch
+    from safetensors.torch import load
+
+    card = read_card(path)
+    file = shown(path.name)
+    if card.kind != kind:
+        raise ModelFileError(f"{file} holds an {card.kind}, not an {kind}.", "Choose another file.")
+    try:
+        # Not `load_file`, whose tensors stay tied to the file: cut short later, it is a bus error.
+        tensors = load(path.read_bytes())
+    except (safetensors.SafetensorError, OSError) as error:
+        if ran_out_of_memory(error):
+            raise
+        raise ModelFileError(
+            f"{file} is damaged ({reason(error)}).", "Copy or download it again."
+        ) from error
+    for name, value in tensors.items():
+        if value.dtype != torch.float32:
+            raise ModelFileError(
+                f"{file} holds numbers of another kind than single precision ({shown(name)}).",
+                "Choose a file made by `python -m training`.",
+            )
+        if not torch.isfinite(value).all():
+            raise ModelFileError(
+                f"{file} holds values that are not finite ({shown(name)}).", "Train it again."
+            )
+        if bool((value.abs() > _LARGEST_WEIGHT).any()):
+            raise ModelFileError(
+                f"{file} holds values that no training makes, above {_LARGEST_WEIGHT:,.0f} "
+                f"({shown(name)}).",
+                "Copy or download it again.",
+            )
+    return tensors, card
+
+
+def save_model(
+    path: Path,
+    tensors: Mapping[str, Tensor],
+    card: Mapping[str, Any],
+    *,
+    kind: str,
+    check: Callable[[Path], object] = lambda file: None,
+) -> None:
+    """Write `tensors` and `card` to `path`, whole or not at all: `check` may refuse what it finds
+    in the file by raising an error, before that takes its place.
+
+    Raises OutputError where it cannot be written.
+    """
+    from safetensors.torch import save
+
+    card = {"format": _FORMATS[kind], "version": FORMAT_VERSION, **card}
+    contiguous = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    content = save(contiguous, metadata={"card": json.dumps(card)})
+    with replaced(path, parents=True) as beside:
+        beside.write_bytes(content)
+        try:
+            check(beside)
+        except ModelFileError as error:
+            found = error.message.replace(shown(beside.name), "it")
+            raise ModelFileError(
+                f"{shown(path.name)} was not written: {found}",
+                "Look for absurd values in what it was learned from.",
+            ) from error

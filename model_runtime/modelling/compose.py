@@ -1,0 +1,175 @@
+"""Textures from histories: every texel at its own age, anchored to what the artist gave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..brdf.torrance_sparrow import ALPHA_MIN
+from ..maps import Pixels
+from .palette import Palette
+from .rollout import Histories
+
+__all__ = ("AgedBand", "AgedTexels")
+
+_BAND = 1 << 15
+"""Texels worked on at a time where nobody asks for other bands: they stay in the cache."""
+
+
+@dataclass(frozen=True)
+class AgedTexels:
+    """n texels and all that is needed to tell any of them at any time.
+
+    initial: [n, 7] (kd, ks, alpha) at t = 0
+    palette: which history a texel follows
+    histories: of the palette's entries
+    gain: [T, 7] how much of a small initial difference is left at each age (the affine rung's)
+    onset: [n] the time at which each texel's history starts, or None: all at 0
+    rate: [n] how fast it then runs, at most 1, or None: 1
+
+    A texel of age a = rate max(0, time - onset) is
+
+        x(a) = P(a) + g(a) (x(0) - P(0)),
+
+    where P is its entry's history and g the gain: the texel's own difference from its entry, which
+    holds the palette's rounding and the representation's bias, is carried along as far as the
+    process lets differences live. Before its onset a texel is the input to the bit.
+    """
+
+    initial: Tensor
+    palette: Palette
+    histories: Histories
+    gain: Tensor
+    onset: Tensor | None
+    rate: Tensor | None = None
+
+    def at(self, time: float) -> Tensor:
+        """States [n, 7] at `time` in 0..1."""
+        states = self.initial.clone()
+        for start in range(0, len(states), _BAND):
+            band = self.band(start, start + _BAND)
+            started = band.started(time)
+            if started:
+                rows = torch.from_numpy(start + band.order[:started])
+                states[rows] = torch.from_numpy(band.at(time)).T
+        return states
+
+    def averaged(self, ages: Tensor) -> AgedTexels:
+        """Texels that show the mean over a source's timing instead of a time of their own.
+
+        `ages` [T, T] weighs the ages at each time (`Timing.mean_of_ages`). Only for texels without
+        onset and rate.
+        """
+        assert self.onset is None and self.rate is None
+        states = torch.einsum("ta,pac->ptc", ages, self.histories.states)
+        histories = replace(self.histories, states=states)
+        return replace(self, histories=histories, gain=ages @ self.gain)
+
+    def select(self, rows: Tensor) -> AgedTexels:
+        """Only the texels `rows`."""
+        return replace(
+            self,
+            initial=self.initial[rows],
+            palette=replace(self.palette, index=self.palette.index[rows]),
+            onset=None if self.onset is None else self.onset[rows],
+            rate=None if self.rate is None else self.rate[rows],
+        )
+
+    def band(self, start: int, stop: int) -> AgedBand:
+        """The texels from `start` to before `stop`, ready to be aged."""
+        initial = self.initial[start:stop].numpy()
+        onset = np.zeros(1, np.float32) if self.onset is None else self.onset[start:stop].numpy()
+        rate = np.ones(1, np.float32) if self.rate is None else self.rate[start:stop].numpy()
+        onset, rate = (np.broadcast_to(each, len(initial)) for each in (onset, rate))
+        order = np.argsort(onset, kind="stable")
+        entry = self.palette.index[start:stop].numpy()
+        return AgedBand(
+            order,
+            np.ascontiguousarray(initial.T).take(order, 1),
+            (entry * self._timelines.ages).astype(np.int32)[order],
+            onset[order],
+            rate[order],
+            self._timelines,
+        )
+
+    @cached_property
+    def _timelines(self) -> _Timelines:
+        return _Timelines.of(self.histories.states, self.gain)
+
+
+@dataclass(frozen=True)
+class _Timelines:
+    """What the texels share, so that x(a) = own(a) + gain(a) x(0).
+
+    own:  [7, P ages] P(a) - g(a) P(0), one entry after the other
+    gain: [7, ages]
+    ages: ages of an entry: the T modelled ones, and the last again to interpolate with
+    """
+
+    own: Pixels
+    gain: Pixels
+    ages: int
+
+    @classmethod
+    def of(cls, states: Tensor, gain: Tensor) -> _Timelines:
+        own = states - gain * states[:, :1]
+        own, gain = (torch.cat((each, each[..., -1:, :]), -2) for each in (own, gain))
+        columns = own.flatten(0, 1).T.contiguous(), gain.T.contiguous()
+        return cls(columns[0].numpy(), columns[1].numpy(), len(gain))
+
+
+@dataclass(frozen=True)
+class AgedBand:
+    """m texels in the order in which their histories start, so that those under way come first.
+
+    order:   [m] their places in the band as it was cut
+    initial: [7, m] (kd, ks, alpha) at t = 0
+    first:   [m] where in the timelines their entry's age 0 stands
+    onset, rate: [m]
+    """
+
+    order: NDArray[np.intp]
+    initial: Pixels
+    first: NDArray[np.int32]
+    onset: Pixels
+    rate: Pixels
+    timelines: _Timelines
+
+    def started(self, time: float) -> int:
+        """How many histories, the first ones of `order`, are under way at `time` in 0..1."""
+        return int(np.searchsorted(self.onset, np.float32(time)))
+
+    def at(self, time: float) -> Pixels:
+        """States [7, k] at `time` of the k texels that have started."""
+        k = self.started(time)
+        place = (np.float32(time) - self.onset[:k]) * np.float32(self.timelines.ages - 2)
+        place *= self.rate[:k]
+        floor = np.floor(place)
+        share = place - floor
+        age = floor.astype(np.intp)
+        cell = self.first[:k] + age
+        state = np.empty((7, k), np.float32)
+        for own, gain, initial, result in zip(
+            self.timelines.own, self.timelines.gain, self.initial, state, strict=True
+        ):
+            np.multiply(_between(gain, age, share), initial[:k], out=result)
+            result += _between(own, cell, share)
+        np.maximum(state[:6], 0, out=state[:6])
+        np.clip(state[6], ALPHA_MIN, 1, out=state[6])
+        return state
+
+
+def _between(line: Pixels, index: NDArray[np.intp], share: Pixels) -> Pixels:
+    """line[index] and its successor, interpolated."""
+    # Every index is in range: "clip" only spares numpy a second look at them.
+    lower = line.take(index, mode="clip")
+    value = line[1:].take(index, mode="clip")
+    value -= lower
+    value *= share
+    value += lower
+    return value

@@ -1,0 +1,173 @@
+"""How much to model: few distinct BRDFs instead of every texel, few frames instead of all."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..brdf.half_angle import above_horizon
+from ..brdf.torrance_sparrow import ALPHA_MIN, evaluate
+from ..temporal.domain import perceptual
+
+__all__ = (
+    "Palette",
+    "Stored",
+    "appearance_psnr",
+    "build_palette",
+    "clamp_parameters",
+    "look",
+    "stored_frames",
+    "viewed",
+    "viewed_psnr",
+    "viewing_angles",
+)
+
+_BAND = 1 << 15
+"""Texels sorted into cells at a time: few enough to stay in the cache."""
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Distinct initial states `entries` [P, 7] and, for each of n texels, which is its: `index`
+    [n].
+    """
+
+    entries: Tensor
+    index: Tensor
+
+
+def build_palette(parameters: Tensor, step: float, *, most: int) -> Palette:
+    """Gather texels [n, 7] (kd, ks, alpha) that fall into one cell of a perceptual grid.
+
+    A cell is `step` wide in every perceptual coordinate; its entry is the mean of its texels. The
+    grid is coarsened until at most `most` entries are left. Step 0 keeps each texel to itself.
+    """
+    if step == 0:
+        return Palette(parameters, torch.arange(len(parameters)))
+    largest, bands = parameters.amax(0, keepdim=True), parameters.split(_BAND)
+    while (found := _cells(bands, largest, step, most)) is None:
+        step *= 1.25
+    cells, index = found
+    total = torch.zeros(len(cells), 7, dtype=torch.float64)
+    count = torch.bincount(index, minlength=len(cells))
+    for band, rows in zip(bands, index.split(_BAND), strict=True):
+        total.index_add_(0, rows, band.double())
+    return Palette((total / count[:, None]).float(), index)
+
+
+def _cells(
+    bands: Sequence[Tensor], largest: Tensor, step: float, most: int
+) -> tuple[Tensor, Tensor] | None:
+    """The occupied cells, as sorted numbers, and each texel's place among them; None where there
+    are more than `most`.
+    """
+    sides = (_grid(largest, step)[0] + 1).tolist()
+    cells, numbers = torch.empty(0, dtype=torch.long), []
+    for band in bands:
+        number = torch.zeros(len(band), dtype=torch.long)
+        for side, column in zip(sides, _grid(band, step).unbind(1), strict=True):
+            number = number * side + column
+        numbers.append(number)
+        cells = torch.cat((cells, number.unique())).unique()
+        if len(cells) > most:
+            return None
+    return cells, torch.cat([torch.searchsorted(cells, number) for number in numbers])
+
+
+def _grid(parameters: Tensor, step: float) -> Tensor:
+    """Whole coordinates [n, 7] of the cell that each texel lies in."""
+    return (perceptual(parameters) / step + 0.5).floor().long()
+
+
+def viewing_angles() -> Tensor:
+    """Directions [M, 3] above the horizon that look on and off the highlight."""
+    theta_h = torch.tensor((0.0, 0.03, 0.1, 0.25, 0.5, 0.8))
+    theta_d = torch.tensor((0.2, 0.7, 1.1))
+    grid = torch.stack(
+        torch.meshgrid(theta_h, theta_d, torch.tensor((0.0, 1.6)), indexing="ij"), -1
+    )
+    grid = grid.reshape(-1, 3)
+    return grid[above_horizon(grid, margin=0.1)]
+
+
+def viewed(states: Tensor) -> Tensor:
+    """f [N, M, 3] per steradian of states [..., 7], N in all, at `viewing_angles()`; values out of
+    range count as clamped.
+    """
+    flat = clamp_parameters(states.reshape(-1, 7))
+    return evaluate(flat[:, :3], flat[:, 3:6], flat[:, 6], viewing_angles())
+
+
+def viewed_psnr(truth: Tensor, estimate: Tensor) -> float:
+    """PSNR in dB, at most 100, of two lists of BRDF values [N, M, 3] at `viewing_angles()`.
+    tone-mapped as `look` does.
+    """
+    error = (look(truth) - look(estimate)).square().mean()
+    return float(-10 * error.clamp_min(1e-10).log10())
+
+
+def look(f: Tensor) -> Tensor:
+    """Radiance pi f, so that a white diffuse surface is 1, tone-mapped as in the paper's section
+    4.2.
+    """
+    return (1 - torch.exp(-2 * torch.pi * f)).pow(1 / 2.8)
+
+
+def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:
+    """PSNR in dB of two lists of states [..., 7], looked at from `viewing_angles()`."""
+    return viewed_psnr(viewed(truth), viewed(estimate))
+
+
+def clamp_parameters(parameters: Tensor) -> Tensor:
+    """[..., 7] with Kd, Ks >= 0 and alpha in [1e-4, 1], as they can be rendered."""
+    albedos, alpha = parameters.split((6, 1), -1)
+    return torch.cat((albedos.clamp_min(0), alpha.clamp(ALPHA_MIN, 1)), -1)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Which frames of a map are kept: frame k is the sum of weight x stored frame over `mix[k]`."""
+
+    frames: tuple[int, ...]
+    mix: tuple[tuple[tuple[int, float], ...], ...]
+
+
+def stored_frames(sample: Tensor, tolerance: float) -> Stored:
+    """Choose the frames from which all others follow by linear interpolation.
+
+    `sample` [T, n, ...], not negative, holds one map at n texels; from each stored frame the next
+    one is the farthest such that the square roots of the interpolated frames between, which is
+    about how the eye sees them, have a PSNR (peak 1) of at least `tolerance` dB. A map that never
+    changes keeps one frame.
+    """
+    last = len(sample) - 1
+    if bool((sample == sample[0]).all()):
+        return Stored((0,), (((0, 1.0),),) * (last + 1))
+    seen = sample.sqrt()
+
+    def good(start: int, end: int) -> bool:
+        if end - start < 2:
+            return True
+        share = torch.linspace(0, 1, end - start + 1)[1:-1]
+        share = share.reshape(-1, *[1] * (sample.ndim - 1))
+        between = torch.lerp(sample[start][None], sample[end][None], share)
+        error = (seen[start + 1 : end] - between.sqrt()).square().flatten(1).mean(1).max()
+        return float(error) <= 10 ** (-tolerance / 10)
+
+    kept = [0]
+    while kept[-1] < last:
+        end = kept[-1] + 1
+        while end < last and good(kept[-1], end + 1):
+            end += 1
+        kept.append(end)
+    mix: list[tuple[tuple[int, float], ...]] = [((0, 1.0),)]
+    for start, end in itertools.pairwise(kept):
+        for k in range(start + 1, end):
+            share = (k - start) / (end - start)
+            mix.append(((start, 1 - share), (end, share)))
+        mix.append(((end, 1.0),))
+    return Stored(tuple(kept), tuple(mix))

@@ -1,0 +1,182 @@
+"""From initial states to their histories, through whichever model of change is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from ..brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
+from ..brdf.measured import MeasuredBRDF
+from ..brdf.torrance_sparrow import evaluate
+from ..errors import InputError, ModelFileError, shown
+from ..maps import HALF_MAX
+from ..representation.estimator import ParameterEstimator
+from ..representation.latents import Latents, Representation
+from ..temporal.ntm import NeuralTemporalModel
+from .palette import clamp_parameters
+
+__all__ = ("CPU", "Histories", "fit_measured", "roll_out")
+
+CPU = torch.device("cpu")
+
+_BRIGHTEST = 3.0
+_CHUNK = 256
+_MEASURED_SAMPLES = 16_200  # as in the paper
+
+
+@dataclass(frozen=True)
+class Histories:
+    """`states` [P, T, 7] (kd, ks, alpha) of P entries at T ages from 0 to 1, and the fit's error.
+
+    Where the states went through latents, states[:, 0] is the entry as the representation sees it,
+    not the entry itself.
+    """
+
+    states: Tensor
+    fit_error: float
+
+
+def fit_measured(brdf: MeasuredBRDF, specular: Literal["rgb", "mono"]) -> tuple[Tensor, float]:
+    """Torrance-Sparrow parameters [1, 7] of a measured BRDF and the relative RMS error of the
+    fit. Raises InputError where they are beyond what maps hold.
+    """
+    fit = fit_torrance_sparrow(brdf.evaluate(fit_angles())[None], specular=specular)
+    parameters = fit.parameters()
+    if not bool((parameters <= HALF_MAX).all()):  # nor NaN
+        raise InputError(
+            f"{shown(brdf.name)} reflects more than half floats hold.",
+            "Choose another measurement, or scale its values.",
+        )
+    return parameters, float(fit.error[0])
+
+
+def roll_out(
+    entries: Tensor,
+    ntm: NeuralTemporalModel,
+    rung: str,
+    representation: Representation,
+    *,
+    samples: int | None = None,
+    fit: FitEffort | ParameterEstimator = USUAL,
+    specular: Literal["rgb", "mono"] = "rgb",
+    measured: MeasuredBRDF | None = None,
+    device: torch.device = CPU,
+    step: Callable[[float], None] = lambda fraction: None,
+) -> Histories:
+    """The histories of `entries` [P, 7] under the model of change `rung` of `ntm`.
+
+    Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
+    `samples` directions of them where that is given (`measured`, then the only entry, always is
+    sampled), rolled out, decoded and fitted with the effort `fit` at every age, or told by an
+    estimator: on `device`, for that is what takes time. `step` hears which share is done.
+
+    Raises ModelFileError where the NTM makes states that are not finite, or rolls out other latents
+    than those of `representation`.
+    """
+    model, decoder = ntm.rung(rung), representation
+    if rung == "lstm_latents" and device != CPU:
+        model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation)
+        assert isinstance(decoder, torch.nn.Module)
+        decoder.to(device)
+        if isinstance(fit, ParameterEstimator):
+            fit = deepcopy(fit).to(device)
+    parts, errors = [], [0.0]
+    for start, stop in _chunks(len(entries)):
+        chunk = entries[start:stop]
+        if rung == "lstm_latents":
+            latents = _encode(chunk, representation, samples, measured).to(device)
+            if ntm.latents.sizes != representation.latent_sizes:
+                raise _unusable(ntm, "rolls out latents of another encoder")
+            flat = model.rollout(latents.flat(), ntm.frames)
+            if _leads_nowhere(flat, chunk):
+                raise _unusable(ntm, "makes latents that are not finite")
+            states, error = _decode_and_fit(latents, flat, decoder, specular, fit)
+            states = states.to(CPU)
+            errors.append(float(error))
+        else:
+            states = model.rollout(chunk, ntm.frames)
+            if specular == "mono":
+                states = _mono(states)
+        if _leads_nowhere(states, chunk):
+            raise _unusable(ntm, "makes values that are not finite")
+        parts.append(_bounded(clamp_parameters(states), chunk))
+        step(stop / len(entries))
+    return Histories(torch.cat(parts), max(errors))
+
+
+def _leads_nowhere(histories: Tensor, entries: Tensor) -> bool:
+    """Whether any of `histories` [P, T, D] is not finite though its entry [P, 7] is."""
+    lost = ~histories.isfinite().flatten(1).all(1).to(CPU)
+    return bool((lost & entries.isfinite().all(1)).any())
+
+
+def _unusable(ntm: NeuralTemporalModel, what: str) -> ModelFileError:
+    return ModelFileError(
+        f"The model {shown(ntm.card.path.name)} {what}.", "Train it again, or choose a bundled one."
+    )
+
+
+def _bounded(states: Tensor, entries: Tensor) -> Tensor:
+    """`states` [P, T, 7] whose Kd + Ks is at most 3, or three times that of their entry [P, 7] if
+    that reflected more than all light; Kd and Ks of brighter ones are scaled down.
+
+    The paper's S1 triples a material; whatever exceeds that is a model that has lost its way.
+    """
+    albedo = (states[..., :3] + states[..., 3:6]).amax(-1, keepdim=True)
+    given = (entries[:, :3] + entries[:, 3:6]).amax(-1).clamp_min(1)
+    share = (_BRIGHTEST * given[:, None, None] / albedo).clamp_max(1)
+    return torch.cat((states[..., :6] * share, states[..., 6:]), -1)
+
+
+def _chunks(count: int) -> Iterator[tuple[int, int]]:
+    for start in range(0, count, _CHUNK):
+        yield start, min(start + _CHUNK, count)
+
+
+def _encode(
+    entries: Tensor,
+    representation: Representation,
+    samples: int | None,
+    measured: MeasuredBRDF | None,
+) -> Latents:
+    if measured is None and samples is None:
+        return representation.encode_parameters(entries)
+    angles = representation.sample_angles(
+        samples or _MEASURED_SAMPLES, measured=measured is not None
+    )
+    if measured is not None:
+        return representation.encode(angles, measured.evaluate(angles)[None])
+    return representation.encode(
+        angles, evaluate(entries[:, :3], entries[:, 3:6], entries[:, 6], angles)
+    )
+
+
+def _decode_and_fit(
+    latents: Latents,
+    flat: Tensor,
+    representation: Representation,
+    specular: Literal["rgb", "mono"],
+    fit: FitEffort | ParameterEstimator,
+) -> tuple[Tensor, Tensor]:
+    """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error [] of the
+    fit, 0 where nothing was fitted.
+    """
+    rolled = latents.unflat(flat)
+    if isinstance(fit, ParameterEstimator):
+        states = fit.parameters_of(rolled).unflatten(0, flat.shape[:2])
+        return _mono(states) if specular == "mono" else states, torch.zeros(())
+    angles = fit_angles().to(flat.device)
+    decoded = representation.decode(rolled, angles)
+    found = fit_torrance_sparrow(decoded, angles, specular=specular, effort=fit)
+    return found.parameters().unflatten(0, flat.shape[:2]), found.error.max()
+
+
+def _mono(states: Tensor) -> Tensor:
+    """States [..., 7] with one Ks for all channels."""
+    ks = states[..., 3:6].mean(-1, keepdim=True).expand_as(states[..., 3:6])
+    return torch.cat((states[..., :3], ks, states[..., 6:]), -1)

@@ -1,0 +1,134 @@
+"""What a run starts from: the models, the material as it was read, and when each texel ages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..brdf.measured import MeasuredBRDF
+from ..errors import InputError
+from ..maps import PrincipledMaps
+from ..model_files.weights import ENCODER, ESTIMATOR, find_model
+from ..output.frames import Format
+from ..reading.inputs import Material, hash_file, hash_input, input_files, read_covered, read_input
+from ..representation import load_representation
+from ..representation.estimator import ParameterEstimator, load_estimator
+from ..representation.latents import Representation
+from ..run import Run
+from ..temporal.ntm import NeuralTemporalModel
+from .texels import Texels, initial_states, timing_maps
+
+__all__ = ("Models", "Start", "read_start")
+
+
+@dataclass(frozen=True)
+class Models:
+    """The neural temporal model of a run, and what decodes its latents."""
+
+    ntm: NeuralTemporalModel
+    representation: Representation
+    estimator: ParameterEstimator
+
+
+@dataclass(frozen=True)
+class Start:
+    """What a run starts from.
+
+    material: as it was read
+    size: height and width of the maps to write; a uniform material has that of its onset
+    texels: of the whole image; `covered` [H, W] are those that a face shows, None: all are
+    format: what to write, unless it cannot hold what the texels become
+    may_be_live: whether a live material may stand for all frames
+    fit_error: of a measured material; 0 where nothing was fitted
+    hashes: of the files that were read, as `aged.json` has them
+    """
+
+    models: Models
+    material: Material
+    size: tuple[int, int]
+    texels: Texels
+    covered: NDArray[np.bool_] | None
+    format: Format
+    may_be_live: bool
+    fit_error: float
+    hashes: dict[str, Any]
+
+    @property
+    def counted(self) -> Texels:
+        """The texels that are modelled."""
+        return self.texels if self.covered is None else self.texels.where(self.covered)
+
+
+def read_start(run: Run) -> Start:
+    """Read what `run` asks for; raises a kind of TvbrdfError where that cannot be done."""
+    request = run.request
+    with run.timed("read"):
+        models, hashes = _read_models(run)
+        with _unchanged(*input_files(request.input)):
+            material = read_input(request.input, size=request.size)
+            hashes["input"] = hash_input(request.input)
+            maps_size = (1, 1) if isinstance(material, MeasuredBRDF) else material.size
+            covered = read_covered(request.input, maps_size)
+        initial, size, fit_error = initial_states(material, request)
+    with run.timed("onset"):
+        onset, rate = timing_maps(request, models.ntm, size)
+    if onset is not None and size == (1, 1):
+        size = onset.shape[0], onset.shape[1]
+        initial = initial.expand(size[0] * size[1], 7)
+    own = "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
+    return Start(
+        models,
+        material,
+        size,
+        Texels.of(initial, onset, rate),
+        covered,
+        format=request.format or own,
+        may_be_live=request.binding != "frames" and size != (1, 1),
+        fit_error=fit_error,
+        hashes=hashes,
+    )
+
+
+def _read_models(run: Run) -> tuple[Models, dict[str, Any]]:
+    """The models, and the hashes of their files."""
+    path = find_model(run.request.ntm)
+    with _unchanged(path, ENCODER, ESTIMATOR):
+        representation, identity = load_representation()
+        estimator = load_estimator(identity)
+        ntm = NeuralTemporalModel.load(path, identity)
+        hashes: dict[str, Any] = {
+            "ntm": hash_file(path),
+            "encoder": hash_file(ENCODER),
+            "estimator": hash_file(ESTIMATOR),
+        }
+    for doubt in ntm.warnings:
+        run.warn(f"Of what {ntm.card.title} was learned from: {doubt}")
+    return Models(ntm, representation, estimator), hashes
+
+
+@contextmanager
+def _unchanged(*files: Path) -> Iterator[None]:
+    """Raise InputError where one of `files` is replaced or changed within the block.
+
+    What was read and what was hashed would be two things.
+    """
+    before = [_version(file) for file in files]
+    yield
+    for file, version in zip(files, before, strict=True):
+        if _version(file) != version:
+            raise InputError(f"{file} changed while it was read.", "Run it again.")
+
+
+def _version(file: Path) -> tuple[int, ...] | None:
+    """What differs between two versions of a file; None where there is none."""
+    try:
+        status = file.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns

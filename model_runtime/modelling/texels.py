@@ -1,0 +1,122 @@
+"""What every texel starts as, and when: from a material as it was read to what is modelled."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..brdf import principled
+from ..brdf.measured import MeasuredBRDF
+from ..errors import InputError, shown
+from ..images import read_image, resize
+from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
+from ..reading.coverage import nearest_covered
+from ..reading.inputs import Material
+from ..run import AgeRequest
+from ..temporal.ntm import NeuralTemporalModel
+from ..temporal.onset import onset_map, rate_map
+from .compose import AgedTexels
+from .rollout import fit_measured
+
+__all__ = ("Texels", "authored_texels", "initial_states", "timing_maps")
+
+_UNIFORM_SIZE = 512
+
+
+def initial_states(
+    material: Material, request: AgeRequest
+) -> tuple[Tensor, tuple[int, int], float]:
+    """Parameters [n, 7] of every texel at t = 0, the size in texels, and the error of the fit."""
+    if isinstance(material, MeasuredBRDF):
+        parameters, error = fit_measured(material, request.specular)
+        return parameters, (1, 1), error
+    maps = principled.forward(material) if isinstance(material, PrincipledMaps) else material
+    ks = maps.ks
+    if request.specular == "mono" and isinstance(material, TorranceSparrowMaps):
+        ks = np.repeat(ks.mean(-1, keepdims=True), 3, -1)
+    flat = np.concatenate((maps.kd, ks, maps.alpha[..., None]), -1, dtype=np.float32)
+    return torch.from_numpy(flat.reshape(-1, 7)), maps.size, 0.0
+
+
+@dataclass(frozen=True)
+class Texels:
+    """Initial states [n, 7], and when [n] and how fast [n] they age, row by row of the image."""
+
+    initial: Tensor
+    onset: Tensor | None
+    rate: Tensor | None
+
+    @classmethod
+    def of(cls, initial: Tensor, onset: Pixels | None, rate: Pixels | None) -> Texels:
+        """From states and the maps [H, W] of `timing_maps`."""
+        flat = (
+            None if pixels is None else torch.from_numpy(pixels.reshape(-1))
+            for pixels in (onset, rate)
+        )
+        return cls(initial, *flat)
+
+    def where(self, covered: NDArray[np.bool_]) -> Texels:
+        """Those that are `covered` [H, W]."""
+        rows = torch.from_numpy(np.flatnonzero(covered))
+        return Texels(
+            self.initial[rows],
+            None if self.onset is None else self.onset[rows],
+            None if self.rate is None else self.rate[rows],
+        )
+
+    def beside(self, aged: AgedTexels, covered: NDArray[np.bool_]) -> AgedTexels:
+        """All, of which `aged` are the covered ones: the others follow the nearest of these."""
+        place = np.cumsum(covered) - 1
+        rows = torch.from_numpy(place[nearest_covered(covered).reshape(-1)])
+        palette = replace(aged.palette, index=aged.palette.index[rows])
+        return replace(
+            aged, initial=self.initial, palette=palette, onset=self.onset, rate=self.rate
+        )
+
+
+def authored_texels(
+    maps: PrincipledMaps, size: tuple[int, int], covered: NDArray[np.bool_] | None
+) -> PrincipledMaps:
+    """The sockets of every texel of an image of `size`, or as a column of those that are
+    `covered`.
+    """
+    whole = maps.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
+    return whole if covered is None else whole.map(lambda pixels: pixels[covered][:, None])
+
+
+def timing_maps(
+    request: AgeRequest, ntm: NeuralTemporalModel, size: tuple[int, int]
+) -> tuple[Pixels | None, Pixels | None]:
+    """When each texel's history starts, 0 to 1, and how fast it runs: [H, W] each.
+
+    An image says only when: its rate is None, which stands for 1. Without any (both None) all
+    texels change alike, as those of the source did on average; so they do in a pattern after a
+    source that changed everywhere at once.
+    """
+    timing, process, seed = ntm.timing, ntm.card.process, request.seed
+    at_once = timing is not None and timing.at_once
+    if request.onset == "none" or (request.onset == "auto" and at_once):
+        return None, None
+    if request.onset == "auto":
+        side = request.size or _UNIFORM_SIZE
+        shape = (side, side) if size == (1, 1) else size
+        with ThreadPoolExecutor(1) as beside:
+            rate = beside.submit(rate_map, process, shape, seed=seed, timing=timing)
+            return onset_map(process, shape, seed=seed, timing=timing), rate.result()
+    onset = read_image(Path(request.onset), color=False)
+    if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):
+        raise InputError(
+            f"The onset image {shown(request.onset)} has values outside 0 to 1.",
+            "Paint 0 where the change starts at once and 1 where it never starts.",
+        )
+    if size == (1, 1):
+        scale = (request.size or max(onset.shape)) / max(onset.shape)
+        height, width = (max(1, round(length * scale)) for length in onset.shape)
+        size = (height, width)
+    return resize(onset, size), None

@@ -1,0 +1,1 @@
+"""Results as files: made out of sight, committed whole or not at all."""

@@ -1,0 +1,1 @@
+"""`evaluate pareto`: seconds against decibels."""

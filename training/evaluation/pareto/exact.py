@@ -1,0 +1,204 @@
+"""What `--quality exact` makes of a few texels of a material: what the others are held against."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from model_runtime.age import AgeRequest
+from model_runtime.brdf import principled
+from model_runtime.images import read_image
+from model_runtime.live.evaluate import LiveMaps
+from model_runtime.live.files import read_live
+from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from model_runtime.model_files.weights import find_model
+from model_runtime.modelling.aged import EFFORTS, model_texels
+from model_runtime.modelling.palette import appearance_psnr
+from model_runtime.modelling.texels import initial_states, timing_maps
+from model_runtime.output.frames import maps_of
+from model_runtime.reading.inputs import read_input
+from model_runtime.representation import load_representation
+from model_runtime.temporal.ntm import NeuralTemporalModel
+
+from ..bench.kept import identity, keep, read_kept
+
+__all__ = ("Exact", "compared", "exact_texels", "interpolated")
+
+_COMPARED = 9
+
+
+def compared(frames: int) -> list[int]:
+    """The frames, counted from 0, in which a run is held against exact: evenly spaced, without the
+    first, which is the input.
+    """
+    return sorted({round(k * (frames - 1) / _COMPARED) for k in range(1, _COMPARED + 1)} - {0})
+
+
+@dataclass(frozen=True)
+class Exact:
+    """n texels of a material of `size`, modelled each for itself with all samples.
+
+    rows: [n] which texels, in row order
+    states: [t, n, 7] (kd, ks, alpha) at `times` [t], 0 to 1, as the written maps would hold them
+    rung: the model of change
+    seconds: of one core that modelling them took
+    authored: their own sockets, as an image one texel wide
+    """
+
+    rows: Tensor
+    states: Tensor
+    times: tuple[float, ...]
+    size: tuple[int, int]
+    rung: str
+    seconds: float
+    authored: PrincipledMaps
+
+    def psnr(self, folder: Path) -> list[float]:
+        """PSNR in dB of the maps that `age` wrote to `folder`, at each of `times`.
+
+        Its maps may be smaller (they are then interpolated, as a renderer would), its frames fewer
+        (one fades into the next, as in Blender) or made of others. A live material starts as
+        authored.
+        """
+        report = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
+        if report["binding"] == "live":
+            return self._live_psnr(read_live(folder))
+        found = []
+        for time_, truth in zip(self.times, self.states, strict=True):
+            place = round(time_ * (report["frames"] - 1), 6)
+            frame = int(place)
+            shares = ((frame, frame + 1 - place), (frame + 1, place - frame))
+            maps = {
+                name: np.sum(
+                    [
+                        np.float32(share) * self._texels(folder, files[k], name == "base_color")
+                        for k, share in shares
+                        if share > 0
+                    ],
+                    axis=0,
+                )
+                for name, files in report["files"].items()
+            }
+            found.append(appearance_psnr(truth, _states(maps, self.authored)))
+        return found
+
+    def _live_psnr(self, live: LiveMaps) -> list[float]:
+        rows = self.rows.numpy()
+        timing = (
+            None if live.timing is None else interpolated(live.timing, self.size, rows)[:, None]
+        )
+        coefficients = interpolated(live.coefficients, self.size, rows)[:, None]
+        live = LiveMaps(live.curves, timing, coefficients)
+        given = principled.forward(self.authored)
+        start = np.concatenate((given.kd, given.ks, self.authored.roughness[..., None]), -1)
+        found = []
+        for time_, truth in zip(self.times, self.states, strict=True):
+            state = live.at(start, time_)
+            aged = TorranceSparrowMaps(state[..., :3], state[..., 3:6], np.square(state[..., 6]))
+            shown = principled.forward(principled.read_back(aged, self.authored))
+            found.append(appearance_psnr(truth, _stacked(shown)))
+        return found
+
+    def _texels(self, folder: Path, made_of: str | list[Any], color: bool) -> np.ndarray:
+        """[n, 1] or [n, 1, 3] of a map that is one file, or a sum of files with weights."""
+        mix = [(made_of, 1.0)] if isinstance(made_of, str) else made_of
+        total = 0.0
+        for file, weight in mix:
+            pixels = read_image(folder / file, color=color)
+            total = total + np.float32(weight) * interpolated(pixels, self.size, self.rows.numpy())
+        return np.asarray(total, np.float32)[:, None]
+
+
+def exact_texels(
+    material: Path,
+    ntm_name: str,
+    rung: str,
+    *,
+    size: int,
+    frames: int,
+    texels: int,
+    kept: Path,
+    seed: int = 0,
+) -> Exact:
+    """`texels` random ones of `material` (all, where it has fewer), aged by `rung` (or "auto") of
+    the bundled model `ntm_name` with the onset that `age --size size` gives them. What was modelled
+    stays in the folder `kept`.
+    """
+    representation, encoder = load_representation()
+    ntm_path = find_model(ntm_name)
+    ntm = NeuralTemporalModel.load(ntm_path, encoder)
+    request = AgeRequest(material, ntm_name, kept, size=size, seed=seed)
+    read = read_input(material, size=size)
+    assert isinstance(read, PrincipledMaps)
+    initial, shape, _ = initial_states(read, request)
+    rung = ntm.suited(initial)[0] if rung == "auto" else rung
+    onset, rate = (
+        None if each is None else torch.from_numpy(each.reshape(-1))
+        for each in timing_maps(request, ntm, shape)
+    )
+    rng = np.random.default_rng(seed)
+    rows = np.sort(rng.choice(len(initial), min(texels, len(initial)), replace=False))
+    chosen = torch.from_numpy(rows)
+    authored = read.map(lambda pixels: pixels.reshape(len(initial), 1, *pixels.shape[2:])[rows])
+    times = tuple(k / (frames - 1) for k in compared(frames))
+
+    path = kept / f"exact_{size}_{material.name}_{rung}.safetensors"
+    model = identity(*ntm.tensors().values())
+    made_from = identity(initial[chosen], encoder, model, f"{rung} {times} {seed} {size}")
+    stored = read_kept(path, made_from)
+    if stored is None:
+        start = time.process_time()
+        aged = model_texels(
+            initial[chosen],
+            ntm,
+            rung,
+            representation,
+            EFFORTS["exact"],
+            onset=None if onset is None else onset[chosen],
+            rate=None if rate is None else rate[chosen],
+        )
+        seconds = time.process_time() - start
+        maps = maps_of(aged, authored, (len(rows), 1), "principled", times)
+        states = torch.stack([_states(maps.at(moment), authored) for moment in times])
+        stored = {"states": states, "seconds": torch.tensor(seconds)}
+        keep(path, stored, made_from)
+    return Exact(chosen, stored["states"], times, shape, rung, float(stored["seconds"]), authored)
+
+
+def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
+    """(kd, ks, alpha) [n, 7] of the sockets that ageing writes, the others as authored."""
+    written = {name: np.asarray(pixels, np.float32) for name, pixels in maps.items()}
+    seen = principled.forward(
+        PrincipledMaps(**written, ior=authored.ior, specular_tint=authored.specular_tint)
+    )
+    return _stacked(seen)
+
+
+def _stacked(maps: TorranceSparrowMaps) -> Tensor:
+    """(kd, ks, alpha) [n, 7]."""
+    stacked = np.concatenate((maps.kd, maps.ks, maps.alpha[..., None]), -1)
+    return torch.from_numpy(stacked.reshape(-1, 7).copy())
+
+
+def interpolated(pixels: np.ndarray, size: Sequence[int], rows: np.ndarray) -> np.ndarray:
+    """The values [n, ...] of a map [h, w, ...] at the texels `rows` of a map of `size`: linear
+    between texel centres, tiled.
+    """
+    places = []
+    for small, large, at in zip(pixels.shape, size, np.divmod(rows, size[1]), strict=False):
+        place = (at + 0.5) * small / large - 0.5
+        lower = np.floor(place)
+        share = (place - lower).astype(np.float32).reshape(-1, *[1] * (pixels.ndim - 2))
+        places.append((lower.astype(int) % small, (lower.astype(int) + 1) % small, share))
+    (top, bottom, down), (left, further, right) = places
+    above = pixels[top, left] * (1 - right) + pixels[top, further] * right
+    below = pixels[bottom, left] * (1 - right) + pixels[bottom, further] * right
+    return above * (1 - down) + below * down

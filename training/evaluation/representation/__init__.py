@@ -1,0 +1,1 @@
+"""`evaluate representation`: how well BRDFs are held."""

@@ -1,0 +1,315 @@
+"""The methods that the report `representation` compares: how each holds a material."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from model_runtime.errors import ModelFileError, UsageError
+from model_runtime.model_files.weights import ENCODER, read_card
+from model_runtime.representation import Trained, load_representation
+from model_runtime.representation.latents import Latents
+from model_runtime.representation.paper import PaperRepresentation
+
+from ...baselines import nbrdf
+from .results import Cost
+from .sets import Evaluate, Materials
+
+__all__ = (
+    "METHODS",
+    "WEIGHTS",
+    "Budget",
+    "EncoderMethod",
+    "Held",
+    "Method",
+    "Setting",
+    "load_methods",
+)
+
+WEIGHTS = Path(__file__).parents[2] / "baselines"
+"""Where the rivals' trained weights are."""
+
+_SAMPLES = 16_200
+_TEXEL_SAMPLES = 1_024
+_CURVE = (16, 32, 64, 128, 256, 512, 1_024, 4_096, _SAMPLES)
+_AT_ONCE = 1 << 16
+_TIMED_DIRECTIONS = 2_048
+_MEASURED_BY_NETWORKS = ("merl_seen", "merl_held_out", "rgl")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How much is offered to a method for a BRDF: directions, and the share of its iterations that
+    a method which trains on them may spend.
+    """
+
+    samples: int
+    effort: float = 1.0
+
+
+@dataclass(frozen=True)
+class Held:
+    """n BRDFs as a method holds them: `evaluate` as `Materials.evaluate`; `seconds` of one core it
+    took to get them all.
+    """
+
+    evaluate: Evaluate
+    n: int
+    seconds: float
+    texel: bool
+
+
+class Method(Protocol):
+    """One way to hold BRDFs."""
+
+    def applies_to(self, name: str) -> bool:
+        """Whether the set `name` says anything about this method."""
+        ...
+
+    def settings(self) -> tuple[Setting, ...]:
+        """From little to the method's own: the curve of accuracy over time."""
+        ...
+
+    def hold(self, materials: Materials, setting: Setting | None = None) -> Held:
+        """What the method makes of `materials`, by default with its own setting."""
+        ...
+
+    def point(self, held: Sequence[Held], setting: Setting) -> tuple[int, int | None, float]:
+        """Directions read for a BRDF, iterations spent on it, and milliseconds of one core to
+        encode it.
+        """
+        ...
+
+    def cost(self, held: Sequence[Held]) -> Cost:
+        """Sizes and times, once everything is `held`."""
+        ...
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    """Seconds of one core that `call` takes: the least of several, as others may be at work."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    call()
+    times: list[float] = []
+    while len(times) < 3 or (sum(times) < 0.3 and len(times) < 20):
+        start = time.process_time()
+        call()
+        times.append(time.process_time() - start)
+    torch.set_num_threads(threads)
+    return min(times)
+
+
+Encode = Callable[[Trained, Tensor, Tensor], Latents]
+
+
+def read_directly(model: Trained, angles: Tensor, f: Tensor) -> Latents:
+    """Latents of `f` [N, M, 3] at `angles` [M, 3], as the encoder gives them."""
+    return model.encode(angles, f)
+
+
+@dataclass(frozen=True)
+class EncoderMethod:
+    """A trained encoder and decoder.
+
+    trained: what its card says of its training
+    samples, texel_samples: directions offered for a uniform material and for a texel
+    together: BRDFs decoded at once, as the processor's caches like it
+    encode: from samples to latents
+    """
+
+    model: Trained
+    trained: Mapping[str, Any]
+    together: int = 64
+    samples: int = _SAMPLES
+    texel_samples: int = _SAMPLES
+    encode: Encode = read_directly
+
+    def applies_to(self, name: str) -> bool:
+        """Every set does."""
+        return True
+
+    def settings(self) -> tuple[Setting, ...]:
+        """Powers of two, then the paper's number; each number of directions really read once."""
+        offered = {len(self.model.sample_angles(m)): Setting(m) for m in _CURVE}
+        return tuple(offered[count] for count in sorted(offered))
+
+    def hold(self, materials: Materials, setting: Setting | None = None) -> Held:
+        """Encode all rows, a few at a time; decode those that are asked for."""
+        own = self.samples if materials.texels is None else self.texel_samples
+        m = own if setting is None else setting.samples
+        angles = self.model.sample_angles(m, measured=materials.measured)
+        f = materials.every(angles)
+        start = time.process_time()
+        parts = [
+            self.encode(self.model, angles, some)
+            for some in f.split(max(1, _AT_ONCE // len(angles)))
+        ]
+        seconds = time.process_time() - start
+        color = torch.cat([part.color for part in parts])
+        shared = torch.cat([part.shared for part in parts])
+
+        def decode(rows: Tensor, wanted: Tensor) -> Tensor:
+            few = rows.split(self.together)
+            return torch.cat([self.model.decode(Latents(color[r], shared[r]), wanted) for r in few])
+
+        return Held(decode, materials.n, seconds, materials.texels is not None)
+
+    def point(self, held: Sequence[Held], setting: Setting) -> tuple[int, int | None, float]:
+        """Timed anew, in batches of up to 64 BRDFs."""
+        angles = self.model.sample_angles(setting.samples)
+        f = torch.rand(max(1, min(64, _AT_ONCE // len(angles))), len(angles), 3)
+        seconds = _seconds(lambda: self.encode(self.model, angles, f)) / len(f)
+        return len(angles), None, round(1e3 * seconds, 4)
+
+    def cost(self, held: Sequence[Held]) -> Cost:
+        """Decoding is measured with as many BRDFs at once as in the report."""
+        angles = self.model.sample_angles(_TIMED_DIRECTIONS)
+        latents = self.model.encode(angles, torch.rand(self.together, len(angles), 3))
+        wanted = PaperRepresentation().sample_angles(_TIMED_DIRECTIONS)
+        decode = _seconds(lambda: self.model.decode(latents, wanted))
+        samples, _, encode_ms = self.point(held, Setting(self.samples))
+        return Cost(
+            parameters=sum(p.numel() for p in self.model.parameters()),
+            latent_dims=sum(self.model.latent_sizes),
+            encode_ms=encode_ms,
+            decode_us_per_sample=round(1e6 * decode / len(wanted) / self.together, 4),
+            train_minutes=self.trained.get("minutes"),
+            train_iterations=self.trained.get("iterations"),
+            samples=samples,
+            texel_samples=len(self.model.sample_angles(self.texel_samples)),
+        )
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Iterations that NBRDF spends on a uniform material and on a texel."""
+
+    uniform: int = 30_000
+    texel: int = 4_000
+
+
+@dataclass(frozen=True)
+class NetworkMethod:
+    """NBRDF: a network a material, trained on the directions that the paper's encoder reads and
+    kept in `folder`. The truth of MERL and RGL *is* such networks, so these sets say nothing of it.
+    """
+
+    folder: Path
+    budget: Budget
+
+    def applies_to(self, name: str) -> bool:
+        """All but the sets whose truth is networks of this kind."""
+        return name not in _MEASURED_BY_NETWORKS
+
+    def settings(self) -> tuple[Setting, ...]:
+        """Few directions, then few iterations: its time depends on the latter alone."""
+        return (
+            Setting(16),
+            Setting(256),
+            Setting(_SAMPLES, 0.01),
+            Setting(_SAMPLES, 0.1),
+            Setting(_SAMPLES),
+        )
+
+    def hold(self, materials: Materials, setting: Setting | None = None) -> Held:
+        """Train a network a row, or find those of an earlier run."""
+        setting = setting or Setting(_SAMPLES)
+        texel = materials.texels is not None
+        own = self.budget.texel if texel else self.budget.uniform
+        training = nbrdf.Training(max(1, round(own * setting.effort)))
+        angles = PaperRepresentation().sample_angles(setting.samples)
+        name = f"networks_{materials.key}_{len(angles)}_{training.iterations}.safetensors"
+        networks = nbrdf.cached_fit(self.folder / name, angles, materials.every(angles), training)
+        return Held(networks.evaluate, len(networks), networks.seconds, texel)
+
+    def point(self, held: Sequence[Held], setting: Setting) -> tuple[int, int | None, float]:
+        """Training *is* the encoding."""
+        spent, n = (sum(getattr(one, name) for one in held) for name in ("seconds", "n"))
+        iterations = round(self.budget.uniform * setting.effort)
+        return setting.samples, iterations, round(1e3 * spent / n, 4)
+
+    def cost(self, held: Sequence[Held]) -> Cost:
+        """`encode_ms` is the training of a uniform material; `train_minutes` that of everything."""
+        angles = PaperRepresentation().sample_angles(_TIMED_DIRECTIONS)
+        some, rows = held[0], torch.arange(held[0].n)
+        decode = _seconds(lambda: some.evaluate(rows, angles))
+        uniform = [one for one in held if not one.texel] or held
+        samples, iterations, encode_ms = self.point(uniform, Setting(_SAMPLES))
+        return Cost(
+            parameters=nbrdf.PARAMETERS,
+            latent_dims=nbrdf.PARAMETERS,
+            encode_ms=encode_ms,
+            decode_us_per_sample=round(1e6 * decode / len(angles) / some.n, 4),
+            train_minutes=round(sum(one.seconds for one in held) / 60, 2),
+            train_iterations=iterations,
+            samples=samples,
+            texel_samples=samples,
+        )
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A method of the report: its name in charts, its colour (Okabe and Ito's, safe for the colour
+    blind) and marker; where its weights are (None: trained by the report) and the `--config` that
+    trains them; whether it may be absent; how an encoder is used.
+    """
+
+    title: str
+    color: str
+    marker: str
+    weights: str | Path | None
+    recipe: str = ""
+    optional: bool = False
+    use: Mapping[str, Any] = field(default_factory=dict)
+
+
+_SLOW = {"together": 2, "texel_samples": _TEXEL_SAMPLES}
+
+METHODS = {
+    "ours": Entry("ours", "#0072B2", "o", ENCODER, "fast"),
+    "paper": Entry("paper", "#D55E00", "s", "paper.safetensors", "paper-short", use=_SLOW),
+    "paper_long": Entry(
+        "paper, long", "#CC79A7", "D", "paper_long.safetensors", "paper-short", True, _SLOW
+    ),
+    "brdfnps": Entry("BRDFNPs", "#E69F00", "^", "brdfnps.safetensors", "brdfnps-short", use=_SLOW),
+    "nbrdf": Entry("NBRDF", "#009E73", "v", None),
+}
+
+
+def load_methods(
+    names: Sequence[str] | None, *, weights: Path, cache: Path, budget: Budget
+) -> dict[str, Method]:
+    """The methods `names` (all by default, the optional ones if their weights are there).
+
+    Raises `UsageError` for an unknown name, `ModelFileError` for weights that are missing.
+    """
+    unknown = [name for name in names or () if name not in METHODS]
+    if unknown:
+        raise UsageError(
+            f"There is no method '{unknown[0]}'.", f"Choose among {', '.join(METHODS)}."
+        )
+    methods: dict[str, Method] = {}
+    for name, entry in METHODS.items():
+        if names is not None and name not in names:
+            continue
+        if entry.weights is None:
+            methods[name] = NetworkMethod(cache, budget)
+            continue
+        path = weights / entry.weights
+        if not path.exists() and names is None and entry.optional:
+            continue
+        if not path.exists():
+            raise ModelFileError(
+                f"The trained weights of the method '{name}' are missing ({path}).",
+                f"Train them with `python -m training encoder --config {entry.recipe} --minutes 60"
+                f" --output {path}`, or leave the method out with --methods.",
+            )
+        model = EncoderMethod(load_representation(path)[0], read_card(path).trained)
+        methods[name] = replace(model, **entry.use)
+    return methods

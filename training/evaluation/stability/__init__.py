@@ -1,0 +1,1 @@
+"""`evaluate stability`: where methods fail, and whether the product notices."""

@@ -1,0 +1,1 @@
+"""`evaluate synthesis`: how well a change is carried over to another material."""

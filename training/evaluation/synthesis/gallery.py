@@ -1,0 +1,187 @@
+"""Pictures of what the bundled NTMs do to real materials: aged by the product itself."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence as Materials
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from model_runtime.age import AgeRequest, age
+from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.images import write_exr
+from model_runtime.model_files.weights import ENCODER, MODELS, find_model
+from model_runtime.reading.inputs import hash_file
+
+from ...data.nbrdf import load
+from ...data.sequences import Sequence, read_sequence
+from ...metric.sphere import tone_map
+from ..bench.kept import identity, keep, read_kept
+from ..representation.scoring import SHOWN
+from .cases import states_of
+from .sphere import TexturedSphere
+
+__all__ = ("FIGURE_10", "GALLERY", "draw_figure_10", "draw_gallery")
+
+MERL = "MERL "
+
+GALLERY: dict[str, tuple[str, str, str, str]] = {
+    "rust": ("Metal032", "PaintedMetal004", "PaintedMetal007", "Metal035"),
+    "patina": ("Metal035", "MERL gold-metallic-paint3", "MERL two-layer-gold", "Wood049"),
+    "char": ("Wood049", "Leather028", "Fabric045", "Metal032"),
+    "drying": ("Wood049", "Leather028", "Granite002A", "Metal024"),
+    "fading": ("PaintedMetal007", "PaintedWood007B", "MERL orange-paint", "Metal024"),
+    "soiling": ("Fabric045", "Plastic005", "MERL white-paint", "Metal035"),
+    "yellowing": ("Wood049", "PaintedWood007B", "MERL cherry-235", "Metal032"),
+    "moss": ("Wood049", "Leather028", "Fabric045", "Metal032"),
+}
+"""For each bundled NTM three materials that it fits and, last, one that it does not: folders of
+`pbr`, or measured BRDFs of MERL."""
+
+FIGURE_10 = ("Wood049", "Metal035", "MERL steel")
+"""What rust is put on in the paper's figure 10: wood, copper and a measured steel."""
+
+_PIXELS = 128
+_LIGHT = (16, 32)
+_CELL = 1.15
+
+
+@dataclass
+class _Quiet:
+    """A listener that keeps the warnings."""
+
+    warnings: list[str] = field(default_factory=list)
+
+    def progress(self, stage: str, fraction: float) -> None: ...
+
+    def warning(self, message: str) -> None:
+        self.warnings.append(message)
+
+    def cancelled(self) -> bool:
+        return False
+
+
+@dataclass(frozen=True)
+class _Aged:
+    """Tone-mapped pixels [T, P, 3] of a material over time; whether it is foreign to the NTM."""
+
+    pixels: Tensor
+    foreign: bool
+
+
+def draw_gallery(data: Path, path: Path, *, kept: Path) -> None:
+    """Every bundled NTM on three fitting materials and one unfitting: start, middle and end."""
+    sphere = _sphere(data, kept)
+    names = [name for name in GALLERY if (MODELS / f"{name}.safetensors").exists()]
+    rows = [(name, GALLERY[name]) for name in names]
+    _draw(data, rows, 3, sphere, kept, path)
+
+
+def draw_figure_10(data: Path, path: Path, *, kept: Path) -> None:
+    """Rust on wood, copper and steel at five times, whether or not it fits: the domain's fallback
+    is overridden, as in the paper's figure 10.
+    """
+    rows = [("rust", (material,)) for material in FIGURE_10]
+    _draw(data, rows, 5, _sphere(data, kept), kept, path, model="lstm_parameters")
+
+
+def _sphere(data: Path, kept: Path) -> TexturedSphere:
+    height, width = _LIGHT
+    return TexturedSphere.load(
+        data / "hdri", pixels=_PIXELS, stride=1, kept=kept, height=height, width=width
+    )
+
+
+def _draw(
+    data: Path,
+    rows: Materials[tuple[str, Materials[str]]],
+    frames: int,
+    sphere: TexturedSphere,
+    kept: Path,
+    path: Path,
+    *,
+    model: str = "auto",
+) -> None:
+    """A row for each NTM, its materials side by side, `frames` pictures of each."""
+    columns = max(len(materials) for _, materials in rows)
+    figure = Figure(figsize=(_CELL * frames * columns + 1.2, (_CELL + 0.25) * len(rows)))
+    parts = figure.subfigures(len(rows), columns, squeeze=False, wspace=0.02, hspace=0.0)
+    for line, (name, materials) in zip(parts, rows, strict=True):
+        for part, material in zip(line, materials, strict=True):
+            aged = _aged(data, name, material, frames, sphere, model, kept)
+            title = f"{name} on {material}" + (", unlike it: affine change" if aged.foreign else "")
+            part.suptitle(title, fontsize=9, y=0.99)
+            axes = part.subplots(
+                1,
+                frames,
+                squeeze=False,
+                gridspec_kw={"left": 0.01, "right": 0.99, "top": 0.84, "bottom": 0, "wspace": 0.03},
+            )
+            for ax, pixels in zip(axes[0], aged.pixels, strict=True):
+                image = np.ones((*sphere.sphere.inside.shape, 3), np.float32)
+                image[sphere.sphere.inside.numpy()] = pixels.numpy()
+                ax.imshow(image)
+                ax.set_axis_off()
+    figure.savefig(path, dpi=80)
+
+
+def _aged(
+    data: Path,
+    ntm: str,
+    material: str,
+    frames: int,
+    sphere: TexturedSphere,
+    model: str,
+    kept: Path,
+) -> _Aged:
+    """From an earlier run, or by ageing and rendering it."""
+    what = f"{ntm}_{material}_{model}_{frames}".replace(" ", "_")
+    made_from = identity(hash_file(find_model(ntm)), hash_file(ENCODER), f"{_PIXELS} {_LIGHT}")
+    path = kept / f"gallery_{what}.safetensors"
+    stored = read_kept(path, made_from)
+    if stored is None:
+        states, foreign = _states(data, ntm, material, frames, model)
+        texels = sphere.texels(*states.shape[1:3])
+        radiance = sphere.render(states.flatten(1, 2)[:, texels])[:, SHOWN]
+        pixels = tone_map(radiance).clamp(0, 1)
+        stored = {"pixels": pixels, "foreign": torch.tensor(foreign)}
+        keep(path, stored, made_from)
+    return _Aged(stored["pixels"], bool(stored["foreign"]))
+
+
+def _states(data: Path, ntm: str, material: str, frames: int, model: str) -> tuple[Tensor, bool]:
+    """States [T, H, W, 7] as the product writes them, and whether it found the material foreign."""
+    with tempfile.TemporaryDirectory() as folder:
+        request = AgeRequest(
+            _input(data, material, Path(folder) / "input"),
+            ntm,
+            Path(folder) / "aged",
+            frames=frames,
+            size=_PIXELS,
+            format="torrance-sparrow",
+            temporal_model=model,
+        )
+        reporter = _Quiet()
+        age(request, reporter)
+        sequence = read_sequence(request.output)
+    assert isinstance(sequence, Sequence)
+    return states_of(sequence), any("unlike" in warning for warning in reporter.warnings)
+
+
+def _input(data: Path, material: str, folder: Path) -> Path:
+    """A folder that `age` reads: one of `pbr`, or maps of a texel with the fit of a MERL BRDF."""
+    if not material.startswith(MERL):
+        return data / "pbr" / material
+    measured = load(data, "merl").select([material.removeprefix(MERL)])
+    fit = fit_torrance_sparrow(measured.evaluate(torch.arange(1), fit_angles()))
+    state = fit.parameters().numpy()[0]
+    folder.mkdir()
+    write_exr(folder / "kd.exr", state[None, None, :3])
+    write_exr(folder / "ks.exr", state[None, None, 3:6])
+    write_exr(folder / "alpha.exr", state[None, None, 6])
+    return folder

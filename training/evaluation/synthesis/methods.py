@@ -1,0 +1,284 @@
+"""The methods that the report `synthesis` compares: how each continues a target's first frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Names
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.errors import ModelFileError, UsageError
+from model_runtime.model_files.weights import ENCODER
+from model_runtime.modelling.compose import AgedTexels
+from model_runtime.modelling.palette import Palette, clamp_parameters
+from model_runtime.modelling.rollout import roll_out
+from model_runtime.representation import Trained, load_representation
+from model_runtime.representation.latents import Latents
+from model_runtime.temporal.domain import FOREIGN_SHARE
+from model_runtime.temporal.models import LatentLSTM
+from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+
+from ...baselines import staf, stt
+from ..representation.methods import METHODS as REPRESENTATIONS
+from ..representation.methods import WEIGHTS
+from .cases import Case, states_of
+from .stage import Stage, as_parameters
+from .training import RIVALS, School
+
+__all__ = ("METHODS", "Method", "Models", "Rung", "load_models", "method_for")
+
+METHODS = ("ours", *RIVALS, "stt", "staf", *LADDER)
+
+_SAMPLES = 256
+_TOGETHER = 64
+
+
+class Method(Protocol):
+    """One way to continue a first frame, taught on one source."""
+
+    def dear(self, stage: Stage) -> bool:
+        """Whether so much is decoded that few frames and pixels are to be scored."""
+        ...
+
+    def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """Radiance [t, E, p, 3] in `frames` at `pixels` [p]."""
+        ...
+
+
+class Ceiling(Protocol):
+    """A method with a representation."""
+
+    def ceiling(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """Radiance [t, E, p, 3] of the truth in `frames`, encoded and decoded."""
+        ...
+
+
+@dataclass(frozen=True)
+class Transferred:
+    """STT and STAF: a fitted source that makes a whole sequence of a target's maps."""
+
+    model: stt.STTModel | staf.STAFModel
+
+    def dear(self, stage: Stage) -> bool:
+        """No."""
+        return False
+
+    def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """All of the target is transferred: STT looks at patches."""
+        sequence = self.model.synthesize(stage.initial, stage.case.target.times)
+        states = states_of(sequence).flatten(1, 2)[frames][:, stage.texels[pixels]]
+        return stage.sphere.render(clamp_parameters(states), pixels)
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """An LSTM on latents with nothing added: encoded, rolled out, decoded.
+
+    samples: directions that the encoder reads
+    steps: frames that its source had where the target has another number over the same time; the
+    rollout is interpolated then.
+    """
+
+    representation: Trained
+    model: LatentLSTM
+    samples: int = _SAMPLES
+    steps: int | None = None
+
+    def dear(self, stage: Stage) -> bool:
+        """Yes."""
+        return True
+
+    def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """From the latents of the first frame."""
+        first = self._encode(stage, 0, pixels)
+        flat = self._rolled_out(first, stage.frames)[:, frames]
+        return self._render(stage, first, flat, pixels)
+
+    def ceiling(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """From the latents of every frame."""
+        each = [self._encode(stage, frame, pixels) for frame in frames]
+        flat = torch.stack([latents.flat() for latents in each], 1)
+        return self._render(stage, each[0], flat, pixels)
+
+    def fitted(self, stage: Stage, gain: Tensor, pixels: Tensor) -> Tensor:
+        """States [T, p, 7] of the rollout as textures would hold them: fitted, and anchored to the
+        fit of the first frame.
+        """
+        first = self._encode(stage, 0, pixels)
+        flat = self._rolled_out(first, stage.frames)
+        fits = [
+            fit_torrance_sparrow(self.representation.decode(first.unflat(some), fit_angles()))
+            for some in flat.flatten(0, 1).split(_TOGETHER * stage.frames)
+        ]
+        states = torch.cat([fit.parameters() for fit in fits]).unflatten(0, flat.shape[:2])
+        start = stage.start[stage.texels[pixels]]
+        anchored = states + gain * (start - states[:, 0])[:, None]
+        return clamp_parameters(anchored.transpose(0, 1))
+
+    def _rolled_out(self, first: Latents, frames: int) -> Tensor:
+        """Latents [p, frames, D]."""
+        steps = self.steps or frames
+        flat = self.model.rollout(first.flat(), steps)
+        if steps == frames:
+            return flat
+        place = torch.linspace(0, steps - 1, frames)
+        lower = place.long().clamp(0, steps - 2)
+        return torch.lerp(flat[:, lower], flat[:, lower + 1], (place - lower)[:, None])
+
+    def _encode(self, stage: Stage, frame: int, pixels: Tensor) -> Latents:
+        angles = self.representation.sample_angles(self.samples, measured=stage.measured)
+        parts = [
+            self.representation.encode(angles, stage.values(frame, some, angles))
+            for some in pixels.split(_TOGETHER)
+        ]
+        return Latents(
+            torch.cat([part.color for part in parts]), torch.cat([part.shared for part in parts])
+        )
+
+    def _render(self, stage: Stage, like: Latents, flat: Tensor, pixels: Tensor) -> Tensor:
+        """Of latents [p, t, D], laid out as `like`."""
+
+        def decode(place: int, angles: Tensor) -> Tensor:
+            return self.representation.decode(like.unflat(flat[place]), angles)
+
+        return stage.sphere.render_decoded(decode, pixels)
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One rung of a ladder as the product uses it, or (None) the one that it chooses: every texel
+    is modelled for itself and anchored to what it was. `samples` as in `roll_out`.
+    """
+
+    ntm: NeuralTemporalModel
+    representation: Trained
+    name: str | None
+    samples: int | None = None
+
+    def rung(self, stage: Stage) -> str:
+        """`name`, or what `age --temporal-model auto` takes: the ladder's choice, and for a target
+        that is mostly unlike the source the affine one.
+        """
+        if self.name is not None:
+            return self.name
+        foreign = float(self.ntm.domain.outside(stage.start).float().mean())
+        if foreign > FOREIGN_SHARE and self.ntm.chosen != "constant":
+            return "affine"
+        return self.ntm.chosen
+
+    def dear(self, stage: Stage) -> bool:
+        """Where latents are rolled out."""
+        return self.rung(stage) == "lstm_latents"
+
+    def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """What the product would write, rendered; of measured materials, latents as decoded."""
+        if stage.measured and self.dear(stage):
+            return self.decoded().estimate(stage, frames, pixels)
+        return stage.sphere.render(self.states(stage, frames, pixels), pixels)
+
+    def ceiling(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """Of the latents, anchored."""
+        if stage.measured:
+            return self.decoded().ceiling(stage, frames, pixels)
+        start = stage.start[stage.texels[pixels]]
+        seen = {frame: self._seen(stage, frame, pixels) for frame in dict.fromkeys((0, *frames))}
+        states = [seen[f] + self.ntm.affine.gain[f] * (start - seen[0]) for f in frames]
+        return stage.sphere.render(clamp_parameters(torch.stack(states)), pixels)
+
+    def states(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
+        """[t, p, 7], clamped to what can be rendered."""
+        rung = self.rung(stage)
+        if stage.measured and rung == "lstm_latents":
+            return self.decoded().fitted(stage, self.ntm.affine.gain, pixels)[frames]
+        aged = self.aged(stage.start[stage.texels[pixels]], rung)
+        return torch.stack([aged.at(frame / (stage.frames - 1)) for frame in frames])
+
+    def aged(
+        self,
+        start: Tensor,
+        rung: str,
+        *,
+        palette: Palette | None = None,
+        onset: Tensor | None = None,
+        rate: Tensor | None = None,
+    ) -> AgedTexels:
+        """Texels that start as `start` [n, 7], as in `model_runtime.age`: without `onset` [n] all
+        change as those of the source did on average.
+        """
+        palette = palette or Palette(start, torch.arange(len(start)))
+        histories = roll_out(
+            palette.entries, self.ntm, rung, self.representation, samples=self.samples
+        )
+        gain = self.ntm.affine.gain
+        gain = torch.ones_like(gain) if rung == "constant" else gain
+        texels = AgedTexels(start, palette, histories, gain, onset, rate)
+        timing = self.ntm.timing
+        if onset is not None or timing is None:
+            return texels
+        return texels.averaged(torch.from_numpy(timing.mean_of_ages(self.ntm.frames)))
+
+    def decoded(self) -> Decoded:
+        """The ladder's last rung, with nothing added."""
+        return Decoded(self.representation, self.ntm.latents)
+
+    def _seen(self, stage: Stage, frame: int, pixels: Tensor) -> Tensor:
+        """States [p, 7] as the representation sees them."""
+        angles = self.representation.sample_angles(_SAMPLES)
+        latents = self.representation.encode(angles, stage.values(frame, pixels, angles))
+        return fit_torrance_sparrow(self.representation.decode(latents, fit_angles())).parameters()
+
+
+@dataclass(frozen=True)
+class Models:
+    """The encoders, each with its hash, by method; and the school that teaches on sources."""
+
+    encoders: dict[str, tuple[Trained, str]]
+    school: School
+
+
+def load_models(
+    names: Names[str], school: School, *, encoder: Path = ENCODER, weights: Path = WEIGHTS
+) -> Models:
+    """Whatever encoders the methods `names` need: ours from `encoder`, the rivals' from the folder
+    `weights`.
+
+    Raises `UsageError` for an unknown method, `ModelFileError` for weights that are missing.
+    """
+    unknown = [name for name in names if name not in METHODS]
+    if unknown:
+        raise UsageError(
+            f"There is no method '{unknown[0]}'.", f"Choose among {', '.join(METHODS)}."
+        )
+    encoders: dict[str, tuple[Trained, str]] = {}
+    if any(name == "ours" or name in LADDER for name in names):
+        encoders["ours"] = load_representation(encoder)
+    for name in RIVALS:
+        path = weights / f"{name}.safetensors"
+        if name in names and not path.exists():
+            recipe = REPRESENTATIONS[name].recipe
+            raise ModelFileError(
+                f"The trained weights of the method '{name}' are missing ({path}).",
+                f"Train them with `python -m training encoder --config {recipe} --minutes 60"
+                f" --output {path}`, or leave the method out with --methods.",
+            )
+        if name in names:
+            encoders[name] = load_representation(path)
+    return Models(encoders, school)
+
+
+def method_for(name: str, case: Case, models: Models) -> Method:
+    """The method `name`, taught on the source of `case`."""
+    if name in RIVALS:
+        representation, encoder = models.encoders[name]
+        args = (case.source_key, case.source, representation, encoder)
+        return Decoded(representation, models.school.rival(name, *args))
+    if name in ("stt", "staf"):
+        source = as_parameters(case.source)
+        return Transferred(stt.fit(source) if name == "stt" else staf.fit(source))
+    representation, encoder = models.encoders["ours"]
+    ntm = models.school.ladder(case.source_key, case.source, representation, encoder)
+    return Rung(ntm, representation, None if name == "ours" else name)

@@ -1,0 +1,194 @@
+"""One method on one case: its scores and pictures, kept until anything they depend on changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from model_runtime.temporal.ntm import LADDER
+
+from ...data.sequences import Sequence
+from ...metric.sphere import tone_map
+from ..bench.kept import identity, keep, read_kept
+from ..representation.scoring import SHOWN
+from .cases import Case
+from .methods import Decoded, Method, Models, Rung, method_for
+from .results import Curve
+from .stage import Stage
+from .timing import spot_statistics, states_with_true_onset
+from .training import describe
+
+__all__ = ("Scored", "Scorer", "strip_frames")
+
+_VERSION = 2
+_EVERY = 5
+_STRIP = 5
+
+
+@dataclass(frozen=True)
+class Scored:
+    """`curves`: "score", and where there is one "ceiling", "after_fit", "true_onset"; `statistics`
+    as `spot_statistics` gives them; `chosen`, the rung that was used, of `LADDER`.
+    """
+
+    curves: dict[str, Curve]
+    statistics: dict[str, Tensor] = field(default_factory=dict)
+    chosen: str | None = None
+
+
+def strip_frames(length: int) -> list[int]:
+    """The frames of a strip, counted from 0: of 36 the paper's 1, 9, 18, 27, 36."""
+    return [0, *(length * k // (_STRIP - 1) - 1 for k in range(1, _STRIP))]
+
+
+@dataclass
+class Scorer:
+    """A case and all that its methods have in common; nothing is computed before it is needed.
+    `look` identifies the sphere, results are kept in the folder `kept`.
+    """
+
+    case: Case
+    make_stage: Callable[[], Stage]
+    models: Models
+    kept: Path
+    look: str
+    methods: dict[str, Method] = field(default_factory=dict)
+
+    @cached_property
+    def stage(self) -> Stage:
+        """The case on its sphere."""
+        return self.make_stage()
+
+    @cached_property
+    def _described(self) -> str:
+        case = self.case
+        return f"{describe(case.source)} {describe(case.target)} {case.process} {_VERSION}"
+
+    def method(self, name: str) -> Method:
+        """Taught on the case's source."""
+        if name not in self.methods:
+            self.methods[name] = method_for(name, self.case, self.models)
+        return self.methods[name]
+
+    def score(self, name: str) -> Scored:
+        """From an earlier run, or anew."""
+        path = self.kept / f"{self.case.key}_{name}.safetensors"
+        made_from = identity(self._described, self._of_method(name), self.look)
+        stored = read_kept(path, made_from)
+        if stored is None:
+            stored = _packed(self._scored(name))
+            keep(path, stored, made_from)
+        return _unpacked(stored)
+
+    def strip(self, name: str | None, stride: int) -> Tensor:
+        """Tone-mapped pixels [t, p, 3] of a method (None: the truth) in the frames of a strip, of
+        every `stride`-th row and column.
+        """
+        path = self.kept / f"strip_{self.case.key}_{name or 'truth'}.safetensors"
+        method = "" if name is None else self._of_method(name)
+        made_from = identity(self._described, method, f"{self.look} {stride}")
+        stored = read_kept(path, made_from)
+        if stored is None:
+            frames = strip_frames(self.stage.frames)
+            row, column = self.stage.sphere.sphere.inside.nonzero().T
+            pixels = ((row % stride == 0) & (column % stride == 0)).nonzero()[:, 0]
+            if name is None:
+                radiance = self.stage.truth[frames][:, :, pixels]
+            else:
+                radiance = self.method(name).estimate(self.stage, frames, pixels)
+            stored = {"pixels": tone_map(radiance[:, SHOWN]).half()}
+            keep(path, stored, made_from)
+        return stored["pixels"]
+
+    def _of_method(self, name: str) -> str:
+        effort = self.models.school.effort
+        if name in ("stt", "staf"):
+            return name
+        if name in self.models.encoders:
+            encoder = self.models.encoders[name][1]
+        else:
+            encoder = self.models.encoders["ours"][1]
+        return f"{name} {encoder} {effort}"
+
+    def _scored(self, name: str) -> Scored:
+        stage, method = self.stage, self.method(name)
+        dear, frames, pixels = method.dear(stage), *self._looked_at(method)
+        curves = {"score": self._curve(method.estimate(stage, frames, pixels), frames, pixels)}
+        if isinstance(method, Decoded) or (isinstance(method, Rung) and dear):
+            some = sorted({0, stage.frames // 3, 2 * stage.frames // 3, stage.frames - 1})
+            curves["ceiling"] = self._curve(method.ceiling(stage, some, pixels), some, pixels)
+        if not isinstance(method, Rung):
+            return Scored(curves)
+        if stage.measured:
+            states = method.states(stage, frames, pixels)
+            fitted = stage.sphere.render(states, pixels)
+            curves["after_fit"] = self._curve(fitted, frames, pixels)
+        target = self.case.target
+        if isinstance(target, Sequence) and target.onset is not None:
+            states = states_with_true_onset(stage, method, frames, pixels)
+            told = stage.sphere.render(states, pixels)
+            curves["true_onset"] = self._curve(told, frames, pixels)
+        statistics = {}
+        spotted = name == "ours" and self.case.name.startswith(("s4", "real"))
+        if spotted:
+            statistics = spot_statistics(stage, method, self._estimated())
+        return Scored(curves, statistics, method.rung(stage))
+
+    def _estimated(self) -> Rung | None:
+        """The product where it has to estimate the onset that the source brings; None where the
+        source brings none.
+        """
+        source, key = self.case.source, self.case.source_key
+        if not isinstance(source, Sequence) or source.onset is None:
+            return None
+        representation, encoder = self.models.encoders["ours"]
+        ntm = self.models.school.ladder(key, source, representation, encoder, onset=False)
+        return Rung(ntm, representation, None)
+
+    def _looked_at(self, method: Method) -> tuple[list[int], Tensor]:
+        """All frames and pixels; of a dear method few."""
+        stage = self.stage
+        if not method.dear(stage):
+            return list(range(stage.frames)), torch.arange(len(stage.texels))
+        return sorted({0, 1, *range(_EVERY, stage.frames, _EVERY), stage.frames - 1}), (
+            stage.sphere.few
+        )
+
+    def _curve(self, radiance: Tensor, frames: list[int], pixels: Tensor) -> Curve:
+        scores = self.stage.score(radiance, frames, pixels)
+        return Curve(tuple(frames), tuple(scores), self.stage.frames)
+
+
+def _packed(scored: Scored) -> dict[str, Tensor]:
+    tensors = {f"statistics.{name}": rows for name, rows in scored.statistics.items()}
+    for name, curve in scored.curves.items():
+        tensors[f"{name}.frames"] = torch.tensor(curve.frames)
+        tensors[f"{name}.psnr"] = torch.tensor(curve.psnr, dtype=torch.float64)
+        tensors[f"{name}.length"] = torch.tensor(curve.length)
+    if scored.chosen is not None:
+        tensors["chosen"] = torch.tensor(LADDER.index(scored.chosen))
+    return tensors
+
+
+def _unpacked(tensors: dict[str, Tensor]) -> Scored:
+    names = [key.removesuffix(".psnr") for key in tensors if key.endswith(".psnr")]
+    curves = {
+        name: Curve(
+            tuple(tensors[f"{name}.frames"].tolist()),
+            tuple(tensors[f"{name}.psnr"].tolist()),
+            int(tensors[f"{name}.length"]),
+        )
+        for name in names
+    }
+    statistics = {
+        key.removeprefix("statistics."): rows
+        for key, rows in tensors.items()
+        if key.startswith("statistics.")
+    }
+    chosen = LADDER[int(tensors["chosen"])] if "chosen" in tensors else None
+    return Scored(curves, statistics, chosen)

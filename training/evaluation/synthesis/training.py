@@ -1,0 +1,152 @@
+"""What the methods of the report `synthesis` learn from a source: kept, so learned once."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import torch
+from safetensors.torch import load_file
+from torch import Tensor
+
+from model_runtime.model_files.weights import read_card, save_model
+from model_runtime.representation import Trained
+from model_runtime.temporal.models import LatentLSTM
+from model_runtime.temporal.ntm import NeuralTemporalModel
+
+from ...data.sequences import MixtureSequence, Sequence
+from ...ntm import NTMConfig, Run, train_ladder, train_lstm
+from ...source.histories import SourceHistories, source_histories
+from ...source.onsets import timed
+from ...source.steadiness import steadied
+from ..bench.kept import identity, keep, read_kept
+from .cases import states_of
+from .stage import thinned
+
+__all__ = ("RIVALS", "Effort", "School", "describe")
+
+RIVALS = ("paper", "brdfnps")
+"""Methods with an encoder of their own, on whose latents the paper's LSTM is taught."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is spent on a source: texels and iterations of the product's ladder, and of the
+    paper's LSTM, whose encoder takes 6 ms for a texel and frame.
+    """
+
+    ladder: NTMConfig = field(default_factory=lambda: NTMConfig(iterations=400, batch=128))
+    texels: int = 1024
+    rival: NTMConfig = field(default_factory=lambda: NTMConfig(iterations=600, batch=128))
+    rival_texels: int = 128
+
+
+def describe(sequence: Sequence | MixtureSequence) -> str:
+    """What identifies a sequence."""
+    if isinstance(sequence, MixtureSequence):
+        return identity(",".join(sequence.materials), torch.from_numpy(sequence.weights))
+    parts = [str(sequence.timing), states_of(sequence), torch.from_numpy(sequence.times)]
+    parts += [] if sequence.onset is None else [torch.from_numpy(sequence.onset)]
+    return identity(*parts)
+
+
+@dataclass
+class School:
+    """Trains on sources; what has been learned is in the folder `kept`, and survives being killed
+    at any moment. `save_every` as in `Run`.
+    """
+
+    kept: Path
+    effort: Effort
+    save_every: float = 60.0
+
+    def minutes(self) -> dict[str, float]:
+        """How long one training took, by method: the mean over all that is kept."""
+        found: dict[str, list[float]] = defaultdict(list)
+        for path in self.kept.glob("ntm_*.safetensors"):
+            found["ours"].append(read_card(path).trained["minutes"])
+        for name in RIVALS:
+            for path in self.kept.glob(f"{name}_*.safetensors"):
+                found[name].append(float(load_file(path)["minutes"]))
+        return {name: round(sum(each) / len(each), 3) for name, each in found.items()}
+
+    def ladder(
+        self,
+        key: str,
+        source: Sequence | MixtureSequence,
+        representation: Trained,
+        encoder: str,
+        *,
+        onset: bool = True,
+    ) -> NeuralTemporalModel:
+        """All rungs, as `python -m training ntm` would train them on the texels of `source`; its
+        onset, where it has one, is known to them unless `onset` is False: then it is estimated.
+        `encoder` is the hash of the representation.
+        """
+        effort = self.effort
+        chosen = steadied(source if onset else _without_onset(source))
+        spent = f"{effort.ladder} {effort.texels} {self._VERSION}"
+        made_from = identity(describe(chosen), encoder, spent)
+        path = self.kept / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"
+        if not path.exists() or read_card(path).details.get("made_from") != made_from:
+            histories = source_histories(thinned(timed(chosen), effort.texels), representation)
+            base = self.kept / f"{path.stem}_{made_from[:8]}"
+            run = Run(base, resume=True, save_every=self.save_every)
+            ntm = train_ladder(histories, representation, effort.ladder, run)
+            card = {"name": key, "title": key, "frames": ntm.frames, "representation": encoder}
+            details = {**card, **ntm.card.details, "made_from": made_from, "source": "evaluation"}
+            save_model(path, ntm.tensors(), details, kind="ntm")
+            _remove_checkpoints(run.base)
+        return NeuralTemporalModel.load(path, encoder)
+
+    def rival(
+        self,
+        name: str,
+        key: str,
+        source: Sequence | MixtureSequence,
+        representation: Trained,
+        encoder: str,
+    ) -> LatentLSTM:
+        """The paper's temporal model on the latents of one of its encoders."""
+        effort = self.effort
+        made_from = identity(
+            describe(source), encoder, f"{effort.rival} {effort.rival_texels} {self._VERSION}"
+        )
+        path = self.kept / f"{name}_{key}.safetensors"
+
+        def train() -> dict[str, Tensor]:
+            few = thinned(_without_onset(source), effort.rival_texels)
+            histories: SourceHistories = source_histories(few, representation)
+            run = Run(self.kept / f"{path.stem}_{made_from[:8]}", resume=True)
+            model, record = train_lstm("latents", histories, representation, effort.rival, run)
+            _remove_checkpoints(run.base)
+            return {**model.state_dict(), "minutes": torch.tensor(record["seconds"] / 60)}
+
+        stored = _kept(path, made_from, train)
+        del stored["minutes"]
+        model = LatentLSTM(*representation.latent_sizes)
+        model.load_state_dict(stored)
+        return model.eval().requires_grad_(False)
+
+    _VERSION = 2
+
+
+def _kept(path: Path, made_from: str, make: Callable[[], dict[str, Tensor]]) -> dict[str, Tensor]:
+    stored = read_kept(path, made_from)
+    if stored is None:
+        stored = make()
+        keep(path, stored, made_from)
+    return stored
+
+
+def _without_onset(source: Sequence | MixtureSequence) -> Sequence | MixtureSequence:
+    return (
+        source if isinstance(source, MixtureSequence) else replace(source, onset=None, timing=None)
+    )
+
+
+def _remove_checkpoints(base: Path) -> None:
+    for path in base.parent.glob(f"{base.name}.*"):
+        path.unlink()

@@ -1,0 +1,1 @@
+"""How far one material looks from another: the paper's metric, and what it needs."""

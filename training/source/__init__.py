@@ -1,0 +1,1 @@
+"""What models of change learn from: sequences, and what they tell of when and how texels change."""

@@ -1,0 +1,1 @@
+"""From the worker's result to a material that ages."""

@@ -1,0 +1,180 @@
+"""Binds a result to a material: live, or as image sequences or keyed sockets; Age moves it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import bpy
+
+from ...errors import MaterialError
+from ..nodes.revert import revert
+from ..reading.check import why_no_surface
+from ..reading.read import Reading
+from ..result import AgedMaps, LiveFiles, read_result
+from .edit import Edit
+from .live import Aged, aged_by_shader
+
+__all__ = ("bind", "bind_stills")
+
+_AUTHORED = {
+    "base_color": "Base Color",
+    "metallic": "Metallic",
+    "specular": "Specular IOR Level",
+    "roughness": "Roughness",
+}
+_EXACT = {"base_color": "Base Color", "specular_tint": "Specular Tint", "roughness": "Roughness"}
+# F0 = ((17.94 - 1) / (17.94 + 1))^2 = 0.8, which Specular Tint then scales to Ks.
+_EXACT_CONSTANTS = {"Metallic": 0.0, "IOR": 17.94, "Specular IOR Level": 0.5}
+_LOBES = ("Coat Weight", "Sheen Weight", "Transmission Weight", "Subsurface Weight", "Anisotropic")
+
+
+def bind(
+    *,
+    material: bpy.types.Material,
+    reading: Reading,
+    folder: Path,
+    frame_start: int,
+    frame_end: int,
+) -> tuple[str, ...]:
+    """Shows the result in `folder` (`aged.json` and its files) on `material`, over the frames.
+
+    An earlier ageing is taken away first.  Nodes are only added and sockets relinked; the material
+    keeps a record from which `revert` restores it.  Returns warnings, a sentence each.  Raises
+    `MaterialError`; one about the result leaves the material untouched, one about its nodes leaves
+    it as it was before ageing.
+    """
+    if frame_end <= frame_start:
+        raise MaterialError(
+            f"Frames {frame_start} to {frame_end} are no range to age over.",
+            "Choose a last frame after the first.",
+        )
+    result = read_result(folder)
+    live = isinstance(result, LiveFiles)
+    return _show(
+        material,
+        reading,
+        partial(aged_by_shader if live else _frames, maps=result),
+        format=result.format,
+        span=(frame_start, frame_end),
+        times=() if live else result.times,
+    )
+
+
+def bind_stills(material: bpy.types.Material, reading: Reading, stills: AgedMaps) -> None:
+    """Shows maps that have one file each, all of them and for good; Revert as after `bind`."""
+    _show(material, reading, partial(_maps, maps=stills), format=stills.format)
+
+
+def _show(
+    material: bpy.types.Material,
+    reading: Reading,
+    aged: Callable[[Edit], Aged],
+    *,
+    format: str,
+    span: tuple[int, int] = (0, 1),
+    times: Sequence[float] = (),
+) -> tuple[str, ...]:
+    revert(material)
+    reason = why_no_surface(material)
+    if reason:
+        raise MaterialError(reason)
+    edit = Edit(material, reading, span, times)
+    try:
+        warnings = _FORMATS[format](edit, aged(edit))
+    except Exception:
+        edit.finish()
+        revert(material)
+        raise
+    edit.finish()
+    material.tvbrdf.keyed = span
+    return tuple(warnings)
+
+
+def _maps(edit: Edit, maps: AgedMaps) -> Aged:
+    return {
+        each.name: partial(edit.show, each, transform=math.sqrt if each.name == "alpha" else None)
+        for each in maps.maps
+    }
+
+
+def _frames(edit: Edit, maps: AgedMaps) -> Aged:
+    """The maps over time.  As authored, what never changes keeps what fed it."""
+    kept = {each.name for each in maps.maps if not each.changes and maps.format == "principled"}
+    return {name: show for name, show in _maps(edit, maps).items() if name not in kept}
+
+
+def _bind_authored(edit: Edit, aged: Aged) -> list[str]:
+    """The artist's parameters, changed."""
+    for name, show in aged.items():
+        show(edit.input(_AUTHORED[name]))
+    return []
+
+
+def _bind_exact(edit: Edit, aged: Aged) -> list[str]:
+    """A flat Fresnel term on the Principled BSDF: F0 = 0.8 times Specular Tint = Ks."""
+    edit.use_ggx()
+    for identifier, value in _EXACT_CONSTANTS.items():
+        edit.fix(edit.input(identifier), value)
+    for name, show in aged.items():
+        show(edit.input(_EXACT[name]))
+    return []
+
+
+def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
+    """Diffuse and Glossy BSDF added, which have no Fresnel term and no bound on Ks."""
+    diffuse = edit.layout.add("ShaderNodeBsdfDiffuse", "Diffuse", column=-1, row=0)
+    glossy = edit.layout.add("ShaderNodeBsdfAnisotropic", "Specular", column=-1, row=1)
+    glossy.distribution = "GGX"
+    both = edit.layout.add("ShaderNodeAddShader", "Diffuse and Specular", column=-2, row=0)
+    for shader, slot in zip((diffuse, glossy), both.inputs, strict=True):
+        edit.tree.links.new(shader.outputs[0], slot)
+        edit.follow("Normal", shader.inputs["Normal"])
+    aged["kd"](diffuse.inputs["Color"])
+    aged["ks"](glossy.inputs["Color"])
+    aged["alpha"](glossy.inputs["Roughness"])
+    surface = _with_transparency(edit, _with_emission(edit, both.outputs[0]))
+    edit.replace_shader(surface)
+    lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
+    if not lost:
+        return []
+    return [
+        f"“{edit.material.name}” is bound as Diffuse and Glossy BSDF, which leaves out its "
+        f"{', '.join(each.removesuffix(' Weight').lower() for each in lost)}."
+    ]
+
+
+_FORMATS = {
+    "principled": _bind_authored,
+    "principled-exact": _bind_exact,
+    "torrance-sparrow": _bind_torrance_sparrow,
+}
+
+
+def _with_emission(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    if not _used(edit.input("Emission Strength"), 0.0):
+        return surface
+    emission = edit.layout.add("ShaderNodeEmission", "Emission", column=-2, row=1)
+    edit.follow("Emission Color", emission.inputs["Color"])
+    edit.follow("Emission Strength", emission.inputs["Strength"])
+    both = edit.layout.add("ShaderNodeAddShader", "Add Emission", column=-3, row=0)
+    edit.tree.links.new(surface, both.inputs[0])
+    edit.tree.links.new(emission.outputs[0], both.inputs[1])
+    return both.outputs[0]
+
+
+def _with_transparency(edit: Edit, surface: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    if not _used(edit.input("Alpha"), 1.0):
+        return surface
+    transparent = edit.layout.add("ShaderNodeBsdfTransparent", "Transparent", column=-3, row=1)
+    mix = edit.layout.add("ShaderNodeMixShader", "Alpha", column=-4, row=0)
+    edit.follow("Alpha", mix.inputs["Fac"])
+    edit.tree.links.new(transparent.outputs[0], mix.inputs[1])
+    edit.tree.links.new(surface, mix.inputs[2])
+    return mix.outputs[0]
+
+
+def _used(socket: bpy.types.NodeSocket, neutral: float) -> bool:
+    return socket.is_linked or socket.default_value != neutral

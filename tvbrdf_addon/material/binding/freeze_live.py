@@ -1,0 +1,129 @@
+"""Keeps a live material as old as it is on one frame: as stills, which any program can read."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ....model_runtime.brdf import principled
+from ....model_runtime.live.evaluate import LiveMaps
+from ....model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from ...errors import MaterialError
+from ...output import free_folder
+from ..nodes.age import age_at
+from ..nodes.record import load, require_local
+from ..reading.onset import showing
+from ..reading.pixels import Array, read_exr, resampled, write_exr
+from ..reading.read import read
+from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
+from .bind import bind_stills
+from .live import read_curves
+
+__all__ = ("freeze_live",)
+
+
+def freeze_live(
+    material: bpy.types.Material, obj: bpy.types.Object | None, scene: bpy.types.Scene
+) -> tuple[str, ...]:
+    """Leaves `material`, which `obj` shows, as it looks on the scene's frame; Revert still restores
+    the original.  Returns warnings, a sentence each.
+
+    The stills are new files in a folder of their own beside the result's.  Raises `MaterialError`,
+    with the material as it is, where it cannot be read or its result is gone.
+    """
+    require_local(material)
+    settings, record = material.tvbrdf, load(material, material.name)
+    folder = result_folder(material)
+    if folder is None:
+        raise MaterialError(f"“{material.name}” has no result.", "Age the material again.")
+    files = read_result(folder)
+    if not isinstance(files, LiveFiles) or record.age is None:
+        raise MaterialError(f"The result in {folder} is another one.", "Age the material again.")
+    age = age_at(material, record.age, scene.frame_current)
+    with tempfile.TemporaryDirectory(prefix="tvbrdf-") as place:
+        reading = read(
+            material=material,
+            obj=obj,
+            scene=scene,
+            folder=Path(place),
+            size=None if settings.use_camera_size else settings.size,
+            frame=scene.frame_current,
+        )
+        authored = _authored(Path(place), files.size)
+    stills = _sockets(files, authored, age)
+    taken = [Path(bpy.path.abspath(image.filepath)).parent for image in bpy.data.images]
+    home = free_folder(folder, f"frame {scene.frame_current}", taken)
+    home.mkdir(exist_ok=True)
+    for name, pixels in stills.items():
+        write_exr(home / f"{name}.exr", pixels)
+    maps = tuple(AgedMap(name, (home / f"{name}.exr",), (0,), uniform=False) for name in stills)
+    bind_stills(material, reading, AgedMaps(files.format, (), maps))
+    return _other_ages(material, record.age)
+
+
+def _other_ages(material: bpy.types.Material, age: str) -> tuple[str, ...]:
+    """Which objects had another age than the material, whose one set of stills they now show."""
+    names = [f"“{each.name}”" for each in showing(material) if age in each]
+    if not names:
+        return ()
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return (
+        f"The {age} that {names[0]}{more} had of its own is not kept: to keep it, undo this and "
+        "give each a material of its own first.",
+    )
+
+
+def _authored(folder: Path, size: tuple[int, int]) -> PrincipledMaps:
+    """The maps that were read into `folder`, at the size of the result."""
+
+    def color(name: str) -> Array:
+        return resampled(read_exr(folder / f"{name}.exr"), size)
+
+    def number(name: str) -> Array:
+        return np.ascontiguousarray(color(name)[..., 0])
+
+    return PrincipledMaps(
+        base_color=color("BaseColor"),
+        metallic=number("Metallic"),
+        specular=number("Specular"),
+        roughness=number("Roughness"),
+        ior=number("IOR"),
+        specular_tint=color("SpecularTint"),
+    )
+
+
+def _sockets(files: LiveFiles, authored: PrincipledMaps, age: float) -> dict[str, Array]:
+    """The result's maps at `age`, by name."""
+    start = principled.forward(authored)
+    y0 = np.concatenate((start.kd, start.ks, authored.roughness[..., None]), -1)
+    state = _evaluator(files).at(y0, age).astype(np.float32)
+    kd, ks, roughness = state[..., :3], state[..., 3:6], state[..., 6]
+    aged = TorranceSparrowMaps(kd, ks, np.square(roughness))
+    if files.format == "principled":
+        now = principled.read_back(aged, authored)
+        return {
+            "base_color": now.base_color,
+            "metallic": now.metallic,
+            "specular": now.specular,
+            "roughness": now.roughness,
+        }
+    if files.format == "principled-exact":
+        return dict(
+            zip(("base_color", "specular_tint", "roughness"), principled.exact(aged), strict=True)
+        )
+    return {"kd": kd, "ks": ks, "alpha": aged.alpha}
+
+
+def _evaluator(files: LiveFiles) -> LiveMaps:
+    curves = read_curves(files.curves)
+    coefficients = np.empty((*files.size, 0), np.float32)
+    for path in files.coefficients:
+        coefficients = np.concatenate((coefficients, read_exr(path)), -1)
+    return LiveMaps(
+        curves=curves,
+        timing=None if files.timing is None else read_exr(files.timing),
+        coefficients=coefficients[..., : len(curves.shapes)],
+    )

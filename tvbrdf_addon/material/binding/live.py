@@ -1,0 +1,61 @@
+"""Joins the group that ages a material to the material: the artist's nodes in, what they age to
+out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+import bpy
+
+from ....model_runtime.live.evaluate import Curves
+from ...errors import MaterialError
+from ..live.group import AUTHORED, OUTPUTS, aged_group
+from ..reading.pixels import read_exr
+from ..result import MAPS, LiveFiles
+from .edit import Edit
+
+__all__ = ("Aged", "aged_by_shader", "read_curves")
+
+Aged: TypeAlias = Mapping[str, Callable[[bpy.types.NodeSocket], None]]
+"""What lets a socket show a map as it ages, by the map's name."""
+
+
+def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
+    """Adds the group of a material, fed with what feeds the Principled BSDF."""
+    vector = edit.lookup()
+    name = f"Aged {edit.material.name}"
+    node = edit.layout.add("ShaderNodeGroup", name, column=0, row=0)
+    node.width = 220
+    node.node_tree = aged_group(
+        name,
+        maps,
+        read_curves(maps.curves),
+        age=edit.age,
+        vector=vector is not None,
+        load=edit.show_file,
+    )
+    for identifier in AUTHORED:
+        edit.follow(identifier, node.inputs[identifier])
+    edit.tree.links.new(edit.age_socket(), node.inputs["Age"])
+    if vector is not None:
+        edit.tree.links.new(vector, node.inputs["Vector"])
+    # Both are in the order of the contract.
+    sources = zip(_NAMES[maps.format], OUTPUTS[maps.format], strict=True)
+    return {each: partial(edit.connect, node.outputs[output]) for each, output in sources}
+
+
+_NAMES = {
+    **MAPS,
+    "principled": ("base_color", "metallic", "roughness", "specular"),
+}
+
+
+def read_curves(path: Path) -> Curves:
+    rows = read_exr(path)
+    if rows.shape[0] < 6 or rows.shape[0] % 3 or rows.shape[1] < 2:
+        raise MaterialError(f"{path} holds no curves.", "Age the material again.")
+    return Curves.unpacked(rows)

@@ -1,0 +1,1 @@
+"""From a material in Blender to maps that the worker reads."""

@@ -1,0 +1,182 @@
+"""An object as a render shows it: its mesh after all modifiers, at a frame, hidden or not.
+
+What is looked at is what is then baked, so nothing that Cycles would die of reaches it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+import bpy
+import mathutils
+import numpy as np
+from numpy.typing import NDArray
+
+from ...known import known
+
+__all__ = ("Evaluated", "distinct", "evaluated", "in_view", "stage")
+
+Array = NDArray[np.float32]
+
+_FINEST = 11  # levels of subdivision that Blender knows
+
+# Modifiers that move vertices and leave Generated coordinates where these were.
+_DEFORMING = frozenset(
+    (
+        *("ARMATURE", "CAST", "CLOTH", "CORRECTIVE_SMOOTH", "CURVE", "DISPLACE", "HOOK"),
+        *("LAPLACIANDEFORM", "LAPLACIANSMOOTH", "LATTICE", "MESH_CACHE", "MESH_DEFORM"),
+        *("SHRINKWRAP", "SIMPLE_DEFORM", "SMOOTH", "SOFT_BODY", "SURFACE", "SURFACE_DEFORM"),
+        *("VOLUME_DISPLACE", "WARP", "WAVE"),
+    )
+)
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A passing mesh, valid and without modifiers, whose materials are those that it really shows.
+
+    `rest` [V, 3] are its vertices before they were deformed, which Generated coordinates follow;
+    None where they are the same.  `basis` is the object's own transformation at the frame.
+    """
+
+    obj: bpy.types.Object
+    mesh: bpy.types.Mesh
+    basis: mathutils.Matrix
+    rest: Array | None = None
+
+
+@contextmanager
+def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
+    """The object at `frame`; nothing in the file is changed, and the mesh is gone afterwards."""
+    with ExitStack() as stack:
+        stand_in = stack.enter_context(_stand_in(obj))
+        scene = stack.enter_context(stage("tvbrdf look", [stand_in]))
+        scene.frame_set(frame)
+        mesh = _mesh_of(stand_in, scene)
+        stack.callback(bpy.data.meshes.remove, mesh)
+        mesh.validate(clean_customdata=False)  # takes out what is no number, too
+        depsgraph = known(scene.view_layers[0].depsgraph)
+        basis = stand_in.evaluated_get(depsgraph).matrix_basis.copy()
+        yield Evaluated(obj, mesh, basis, _rest(stand_in, scene, mesh))
+
+
+@contextmanager
+def in_view(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> Iterator[tuple[bpy.types.Mesh, list[bpy.types.Material | None]]]:
+    """The mesh as the view shows it, and its materials: for panels, as nothing is made for it."""
+    seen = obj.evaluated_get(depsgraph)
+    try:
+        slots = [slot.material and slot.material.original for slot in seen.material_slots]
+        yield seen.to_mesh(), slots
+    finally:
+        seen.to_mesh_clear()
+
+
+def distinct(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
+    """One object of those that are seen alike: linked duplicates are many and are one mesh."""
+    alike = {}
+    for obj in objects:
+        own = [obj] if len(obj.modifiers) else []
+        slots = (slot.material for slot in obj.material_slots)
+        alike.setdefault((obj.data, obj.mode, *slots, *own), obj)
+    return list(alike.values())
+
+
+@contextmanager
+def stage(name: str, objects: list[bpy.types.Object]) -> Iterator[bpy.types.Scene]:
+    """A scene with these objects only, whose time can be changed without touching the artist's."""
+    scene = bpy.data.scenes.new(name)
+    try:
+        for obj in objects:
+            scene.collection.objects.link(obj)
+        yield scene
+    finally:
+        # Not scenes.remove, which crashes Blender (4.3) where there is no window: --command.
+        bpy.data.batch_remove((scene,))
+
+
+@contextmanager
+def _stand_in(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    """The object again, visible, with the modifiers that a render applies."""
+    with ExitStack() as stack:
+        copy = obj.copy()
+        if obj.type == "MESH" and obj.mode == "EDIT":  # then it cannot be read
+            obj.update_from_editmode()
+            copy.data = obj.data.copy()
+            assert isinstance(copy.data, bpy.types.Mesh)
+            stack.callback(bpy.data.meshes.remove, copy.data)
+        stack.callback(bpy.data.objects.remove, copy)
+        copy.hide_viewport = copy.hide_render = False
+        simple = [scene.render for scene in obj.users_scene if scene.render.use_simplify]
+        most = min((each.simplify_subdivision_render for each in simple), default=_FINEST)
+        for modifier in copy.modifiers:
+            modifier.show_viewport = modifier.show_render
+            if modifier.type in ("SUBSURF", "MULTIRES"):
+                modifier.levels = min(modifier.render_levels, most)
+        if any(modifier.type == "NODES" for modifier in copy.modifiers):
+            stack.enter_context(_instances_made_real(copy))
+        yield copy
+
+
+@contextmanager
+def _instances_made_real(obj: bpy.types.Object) -> Iterator[None]:
+    group = bpy.data.node_groups.new("tvbrdf look", "GeometryNodeTree")
+    try:
+        for side in ("INPUT", "OUTPUT"):
+            group.interface.new_socket("Mesh", in_out=side, socket_type="NodeSocketGeometry")
+        begin, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+        realize = group.nodes.new("GeometryNodeRealizeInstances")
+        group.links.new(begin.outputs[0], realize.inputs[0])
+        group.links.new(realize.outputs[0], end.inputs[0])
+        obj.modifiers.new("tvbrdf look", "NODES").node_group = group
+        yield
+    finally:
+        bpy.data.node_groups.remove(group)
+
+
+def _mesh_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Mesh:
+    depsgraph = known(scene.view_layers[0].depsgraph)
+    depsgraph.update()
+    seen = obj.evaluated_get(depsgraph)
+    try:
+        mesh = bpy.data.meshes.new_from_object(
+            seen, preserve_all_data_layers=True, depsgraph=depsgraph
+        )
+    except RuntimeError:  # nothing that has faces: an empty, a volume
+        mesh = bpy.data.meshes.new("tvbrdf look")
+    # Slots may be the object's own, and the mesh's list does not say so.
+    for i, slot in enumerate(seen.material_slots):
+        material = slot.material.original if slot.material else None
+        if i < len(mesh.materials):
+            mesh.materials[i] = material
+        else:
+            mesh.materials.append(material)
+    if obj.type == "MESH":
+        # Generated coordinates are relative to the mesh without modifiers.
+        place, size = obj.data.texspace_location.copy(), obj.data.texspace_size.copy()
+        mesh.use_auto_texspace = False
+        mesh.texspace_location, mesh.texspace_size = place, size
+    return mesh
+
+
+def _rest(obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -> Array | None:
+    deforming = [each for each in obj.modifiers if each.type in _DEFORMING and each.show_viewport]
+    keyed = obj.type == "MESH" and obj.data.shape_keys is not None
+    if not deforming and not keyed:
+        return None
+    for modifier in deforming:
+        modifier.show_viewport = False
+    if keyed:
+        obj.active_shape_key_index, obj.show_only_shape_key = 0, True
+    undeformed = _mesh_of(obj, scene)
+    try:
+        if len(undeformed.vertices) != len(mesh.vertices):
+            return None
+        places = np.empty(len(undeformed.vertices) * 3, np.float32)
+        undeformed.vertices.foreach_get("co", places)
+        return places.reshape(-1, 3)
+    finally:
+        bpy.data.meshes.remove(undeformed)

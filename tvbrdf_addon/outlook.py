@@ -1,0 +1,217 @@
+"""What a click will take, for the panel: looked up while nothing else happens, not while drawing.
+
+Drawing asks; a timer then looks through the cameras on the frame that is shown, and draws again
+where that says something new.  A run itself looks at the whole frame range.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from . import preferences, properties
+from .errors import MaterialError
+from .estimate import Estimate, Rates, Work
+from .known import known
+from .material.nodes.revert import is_aged
+from .material.nodes.surface import find_principled
+from .material.reading.onset import is_painted, showing
+from .material.reading.space import Space, choose_space, image_size
+from .material.result import result_folder
+from .sentences import report_in
+
+__all__ = ("Forecast", "forecast", "is_worth_a_preview", "learn", "unregister")
+
+# Seconds between two looks, at least; and how many times as long as a look took.
+PAUSE, SHARE = 1.0, 20.0
+RATES = "rates.json"
+
+# A preview delays the result by a second or two.
+PREVIEW_SECONDS = 5.0
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is probable: `size` (height, width) of the textures and why (a sentence or nothing),
+    time and disk use, and those of quality Balanced.
+    """
+
+    size: tuple[int, int]
+    why: str
+    estimate: Estimate
+    balanced: Estimate
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What was seen of a material: how its maps are made, its images' size, what cameras see.
+
+    These sizes are those of a tile; `tiles` are the (rows, columns) of them.
+    """
+
+    kind: str
+    images: tuple[int, int] | None
+    tiles: tuple[int, int]
+    seen: int
+    why: str
+
+
+_looks: dict[tuple[int, int], _Look] = {}
+_wanted: tuple[int, int] | None = None
+_next_look = 0.0
+_rates: Rates | None = None
+
+
+def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast | None:
+    """What ageing `material` will take; None until it has been looked at, soon after."""
+    uids = (material.session_uid, scene.session_uid)
+    _ask(uids)
+    settings = material.tvbrdf
+    if is_aged(material):
+        # Its nodes are ours now: what counts is what it was, and that is what was aged.
+        folder = result_folder(material)
+        report = report_in(folder) if folder is not None else None
+        if report is None:
+            return None
+        size, why = report.size, ""
+    elif (look := _looks.get(uids)) is not None:
+        size, why = _size(settings, look)
+    else:
+        return None
+    work = Work(
+        texels=size[0] * size[1],
+        frames=settings.steps,
+        quality=settings.quality,
+        temporal_model=_temporal_model(settings),
+        live=settings.binding == "live",
+    )
+    rates = _kept_rates()
+    return Forecast(size, why, rates.of(work), rates.of(replace(work, quality="balanced")))
+
+
+def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> bool:
+    """Whether ageing `material` takes so long that a preview before it is welcome."""
+    expected = forecast(material, scene)
+    return expected is not None and expected.estimate.seconds > PREVIEW_SECONDS
+
+
+def learn(aged: Mapping[str, Any], folder: Path) -> None:
+    """Remember what the run took whose report is `aged` and whose files lie in `folder`."""
+    global _rates
+    stored = sum(path.stat().st_size for path in folder.iterdir())
+    _rates = _kept_rates().after(aged, stored)
+    if (path := preferences.user_file(RATES)) is not None:
+        # On a full disk only the next start of Blender knows less.
+        with contextlib.suppress(OSError):
+            _rates.save(path)
+
+
+def _kept_rates() -> Rates:
+    global _rates
+    if _rates is None:
+        _rates = Rates.load(preferences.user_file(RATES))
+    return _rates
+
+
+def _temporal_model(settings: properties.TVBRDF_PG_material) -> str:
+    if settings.temporal_model != "auto":
+        return settings.temporal_model
+    card = properties.card_of(settings)
+    # Of an unknown model the slowest is to be expected.
+    return (properties.usual_model(card) if card is not None else None) or "lstm_latents"
+
+
+def _size(settings: properties.TVBRDF_PG_material, look: _Look) -> tuple[tuple[int, int], str]:
+    longer, why = (look.seen, look.why) if settings.use_camera_size else (settings.size, "")
+    if look.kind == "uniform" and settings.onset == "none":
+        return (1, 1), ""
+    height, width = look.images or (longer, longer)
+    if look.images is not None and settings.use_camera_size:
+        share = min(longer, max(look.images)) / max(look.images)
+        height, width = (max(1, round(length * share)) for length in look.images)
+    rows, columns = look.tiles
+    return (rows * height, columns * width), why
+
+
+def _ask(uids: tuple[int, int]) -> None:
+    global _wanted
+    _wanted = uids
+    if not bpy.app.background and not bpy.app.timers.is_registered(_look_in_time):
+        wait = 0.0 if uids not in _looks else max(0.1, _next_look - time.monotonic())
+        bpy.app.timers.register(_look_in_time, first_interval=wait)
+
+
+def _look_in_time() -> None:
+    global _next_look
+    windows = bpy.context.window_manager.windows
+    if _wanted is None or any(window.screen.is_animation_playing for window in windows):
+        return
+    started = time.monotonic()
+    material = _by_uid(bpy.data.materials, _wanted[0])
+    scene = _by_uid(bpy.data.scenes, _wanted[1])
+    if material is None or scene is None or is_aged(material):
+        return
+    look = _look(material, scene)
+    ended = time.monotonic()
+    _next_look = ended + max(PAUSE, SHARE * (ended - started))
+    if look is None or look == _looks.get(_wanted):
+        return
+    _looks[_wanted] = look
+    for window in windows:
+        for area in window.screen.areas:
+            if area.type in {"NODE_EDITOR", "PROPERTIES"}:
+                area.tag_redraw()
+
+
+def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:
+    """None where the material cannot be aged as it is."""
+    # Only now: numpy, which it needs, has no part in drawing a panel.
+    from .material.reading.cameras import all_the_cameras_see
+    from .material.reading.tiles import tiles_of
+
+    readable = _readable(material)
+    layers = (layer.depsgraph for layer in scene.view_layers)
+    depsgraph = next((each for each in layers if each is not None), None)
+    if readable is None or depsgraph is None:
+        return None
+    principled, space = readable
+    try:
+        users = showing(material, scene)
+        tiles = tiles_of(principled, space, material, users, depsgraph)
+    except MaterialError:
+        return None
+    seen = all_the_cameras_see(material, space, scene, None, depsgraph=depsgraph)
+    images = None
+    if space.kind == "texture":
+        images = max((image_size(known(node.image)) for node in space.images), key=max)
+    return _Look(space.kind, images, (tiles.rows, tiles.columns), seen.pixels, seen.why)
+
+
+def _readable(material: bpy.types.Material) -> tuple[bpy.types.Node, Space] | None:
+    if material.node_tree is None:
+        return None
+    try:
+        place = find_principled(material)
+    except MaterialError:
+        return None
+    space = choose_space(place.principled, place.groups, painted=is_painted(material))
+    broken = any(node.image is None or min(image_size(node.image)) == 0 for node in space.images)
+    return None if broken else (place.principled, space)
+
+
+def _by_uid(collection: Any, uid: int) -> Any:
+    return next((block for block in collection if block.session_uid == uid), None)
+
+
+def unregister() -> None:
+    global _rates
+    if bpy.app.timers.is_registered(_look_in_time):
+        bpy.app.timers.unregister(_look_in_time)
+    _looks.clear()
+    _rates = None
