@@ -5,9 +5,9 @@ that asks for it is skipped, by name, where the folder is absent; where `TVBRDF_
 wrong, it fails.
 
 Importing: `import model_runtime` and `import training` work everywhere.  The add-on is relative to
-the extension's root (`from ..model_runtime import package`), so its tests import it through the
-extension, as Blender does: `from tvbrdf.tvbrdf_addon.material import bind`.  The package `tvbrdf`
-is this working tree, whatever its folder is called.
+the extension's root (`from ..model_runtime import maps`), so its tests import it through the
+extension, as Blender does: `from tvbrdf.tvbrdf_addon.material.binding import bind`.  The package
+`tvbrdf` is this working tree, whatever its folder is called.
 
 `one_thread`: torch on one thread, for tests of many small steps, which a second only slows down.
 

@@ -154,8 +154,8 @@ def test_info_lists_the_others_and_says_which_file_it_skipped(tmp_path: Path):
         path = tmp_path / f"{name}.safetensors"
         save_model(path, weights, card | {"title": title}, kind="ntm")
     code = (
-        "import sys\nfrom pathlib import Path\nfrom model_runtime import package\n"
-        "package.list_models.__defaults__ = ((Path(sys.argv.pop(1)),),)\n"
+        "import sys\nfrom pathlib import Path\nfrom model_runtime.model_files import weights\n"
+        "weights.list_models.__defaults__ = ((Path(sys.argv.pop(1)),),)\n"
         "from model_runtime.cli import main\nsys.exit(main(sys.argv[1:]))"
     )
 

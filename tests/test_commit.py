@@ -256,7 +256,8 @@ class TestHeld:
     def test_a_dead_owner_holds_nothing(self, folder: Path):
         folder.mkdir()
         code = (
-            "import sys, time\nfrom pathlib import Path\nfrom model_runtime.holding import hold\n"
+            "import sys, time\nfrom pathlib import Path\n"
+            "from model_runtime.output.holding import hold\n"
             "hold(Path(sys.argv[1]))\nprint('held', flush=True)\ntime.sleep(60)"
         )
         owner = subprocess.Popen(

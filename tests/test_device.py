@@ -62,7 +62,7 @@ def test_where_a_device_fails_the_cpu_does_it_and_it_is_said(models: Models):
                 EFFORTS["draft"],
                 device=device,
                 warn=said.append,
-            ).rollout.states
+            ).histories.states
             for device in (META, aged.CPU)
         )
     assert torch.equal(there, here)

@@ -108,7 +108,7 @@ WITHOUT_LIBRARIES = f"""
 import sys
 for name in {BLOCKED!r}: sys.modules[name] = None
 from pathlib import Path
-from model_runtime.package import find_model, list_models, read_card
+from model_runtime.model_files.weights import find_model, list_models, read_card
 for card in list_models((Path(sys.argv[1]),)):
     print(card.name, card.title, card.frames, card.domain["ranges"])
 print(find_model("moss", (Path(sys.argv[1]),)).name)
@@ -157,7 +157,8 @@ def test_a_named_pipe_is_not_waited_for(tmp_path: Path):
     path = tmp_path / "pipe.safetensors"
     os.mkfifo(path)
     code = (
-        "import sys\nfrom pathlib import Path\nfrom model_runtime.package import list_models\n"
+        "import sys\nfrom pathlib import Path\n"
+        "from model_runtime.model_files.weights import list_models\n"
         "print(list_models((Path(sys.argv[1]),)))"
     )
     done = subprocess.run(
@@ -434,7 +435,9 @@ def test_a_file_that_does_not_pass_its_check_replaces_nothing(tmp_path: Path):
 
 
 def test_the_package_is_imported_without_torch_being_loaded():
-    code = "import sys\nfrom model_runtime import package\nprint('torch' in sys.modules)"
+    code = (
+        "import sys\nfrom model_runtime.model_files import weights\nprint('torch' in sys.modules)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
     )

@@ -59,7 +59,7 @@ class Sequence:
     None where the sequence does not separate the two. `timing` says what an onset pattern like it
     needs to know, where the sequence brings that with it: one whose texels were started early, so
     that their histories are seen to the end, does not show it. `warnings` are sentences about what
-    cannot be learned from it for sure (`training.steadiness`). Arrays are float32.
+    cannot be learned from it for sure (`training.source.steadiness`). Arrays are float32.
     """
 
     kd: Array

@@ -27,7 +27,7 @@ _CHILD = """
 import json, sys, time
 from pathlib import Path
 from model_runtime.age import AgeRequest, age
-from training.evaluation.silent import Silent
+from training.evaluation.bench.silent import Silent
 material, ntm, output, size, frames, binding = sys.argv[1:]
 request = AgeRequest(
     Path(material), ntm, Path(output), size=int(size), frames=int(frames), binding=binding
