@@ -46,6 +46,7 @@ def account_of(
         "size": list(start.size),
         "quality": request.quality,
         "temporal_model": rung,
+        "device": modelled.histories.device,
         "palette": len(modelled.palette.entries),
         "plan": savings(
             texels=len(modelled.initial),

@@ -17,13 +17,13 @@ from torch import Tensor
 from .account import account_of
 from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
+from .errors import UsageError
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .maps import PrincipledMaps
 from .memory import memory_in_words
 from .modelling.aged import EFFORTS, Effort, model_texels
 from .modelling.compose import AgedTexels
-from .modelling.rollout import CPU
 from .modelling.start import Start, read_start
 from .modelling.texels import authored_texels
 from .output.frames import Format, Frames, file_names, maps_of, write_frames, write_stored_frames
@@ -75,11 +75,12 @@ def _one_thread() -> Iterator[None]:
 
 def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     run.progress("reading", 0.0)
+    device = _device(run.request.device)
     start = read_start(run)
     _require_room(run, start, staged, live=start.may_be_live)
     counted = start.counted
     rung = _rung(run, start.models.ntm, counted.initial)
-    model = _model(run, start, rung)
+    model = _model(run, start, rung, device)
     with run.timed("model"):
         modelled = model(
             counted.initial,
@@ -122,7 +123,7 @@ def _require_room(run: Run, start: Start, staged: StagedResult, *, live: bool) -
     check_space(request.output, start.size[0] * start.size[1] * needed, len(names))
 
 
-def _model(run: Run, start: Start, rung: str) -> Callable[..., AgedTexels]:
+def _model(run: Run, start: Start, rung: str, device: torch.device) -> Callable[..., AgedTexels]:
     """`model_texels` for this run: of its texels, effort and timing remain to be told."""
     return partial(
         model_texels,
@@ -133,7 +134,7 @@ def _model(run: Run, start: Start, rung: str) -> Callable[..., AgedTexels]:
         tolerance=run.request.tolerance,
         specular=run.request.specular,
         measured=start.material if isinstance(start.material, MeasuredBRDF) else None,
-        device=_device(),
+        device=device,
         warn=run.warn,
     )
 
@@ -215,6 +216,18 @@ def _rung(run: Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
     return rung
 
 
-def _device() -> torch.device:
-    """CUDA's where there is one. Apple's GPUs are not used: the fit needs double precision."""
-    return torch.device("cuda") if torch.cuda.is_available() else CPU
+def _device(wanted: str) -> torch.device:
+    """The device called `wanted`; of `auto`, CUDA's where there is one, else the CPU.
+
+    Apple's GPUs are not among them: the fit needs double precision. Raises UsageError where there
+    is no such device.
+    """
+    found = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if wanted == "auto":
+        return torch.device("cuda" if found else "cpu")
+    device = torch.device(wanted)
+    if device.type == "cuda" and (device.index or 0) >= found:
+        raise UsageError(
+            f"There is no device {wanted} for this Python's torch.", "Use --device auto or cpu."
+        )
+    return device

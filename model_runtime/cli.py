@@ -81,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     age.add_argument("--tolerance", type=float, metavar="DB", help="what may be left out (45)")
     age.add_argument("--onset", metavar="auto|none|IMAGE", help="when each texel starts (auto)")
     age.add_argument("--seed", type=int, metavar="N", help="seed of the onset pattern (0)")
+    age.add_argument("--device", metavar="auto|cpu|cuda|cuda:N", help="what computes (auto)")
     for name, choices in CHOICES.items():
         age.add_argument(option(name), metavar="|".join(choices))
     age.add_argument("--sparse", action="store_true", help="store no frame that others make up")
@@ -119,7 +120,8 @@ def _age(arguments: argparse.Namespace, ending: EndingSignals) -> None:
     seconds = sum(aged["seconds"].values())
     height, width = aged["size"]
     what = "A live material" if aged["binding"] == "live" else f"{aged['frames']} frames"
-    done = f"{what} of {width} x {height} in {seconds:.1f} s: {arguments.output}"
+    on = "" if aged["device"] == "cpu" else f" on {aged['device']}"
+    done = f"{what} of {width} x {height} in {seconds:.1f} s{on}: {arguments.output}"
     write_out("\n".join((*aged["plan"], done)), stdout)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -41,6 +42,7 @@ _RANGES = {"frames": (1, MOST_FRAMES), "size": (1, 16_384), "seed": (0, 2**63 - 
 """What whole numbers may be: a size as images may have."""
 
 _MOST_DB = 1000
+_DEVICE = re.compile(r"auto|cpu|cuda(:\d{1,3})?")
 
 
 class MissingLibraryError(TvbrdfError):
@@ -86,7 +88,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     for name in ("input", "ntm", "output"):
         if not isinstance(given.get(name), str) or not given[name]:
             raise UsageError(f"The setting {name} is missing.", "Give it as text.")
-    for name in ("onset", *CHOICES):
+    for name in ("onset", "device", *CHOICES):
         if name in given and not isinstance(given[name], str):
             raise UsageError(f"The setting {name} must be text, not {shown(given[name])}.")
     for name, choices in CHOICES.items():
@@ -98,6 +100,10 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     for name, (least, most) in _RANGES.items():
         if name in given and not (type(given[name]) is int and least <= given[name] <= most):
             raise UsageError(f"{option(name)} must be a whole number from {least} to {most}.")
+    if not _DEVICE.fullmatch(given.get("device", "auto")):
+        raise UsageError(
+            f"--device cannot be {shown(given['device'])}.", "Choose auto, cpu, cuda or cuda:N."
+        )
     if type(given.get("sparse", False)) is not bool:
         raise UsageError("The setting sparse must be true or false.")
     if "tolerance" in given:

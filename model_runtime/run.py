@@ -33,6 +33,7 @@ class AgeRequest:
     binding: Literal["auto", "live", "frames"] = "frames"
     sparse: bool = False
     seed: int = 0
+    device: str = "auto"
 
 
 class Reporter(Protocol):

@@ -45,6 +45,7 @@ class AgeRequest:
     binding: str = "frames"
     sparse: bool = False
     seed: int = 0
+    device: str = "auto"
 
 
 def age(request: AgeRequest, reporter: object) -> dict:
@@ -80,6 +81,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "size": [SIDE, SIDE],
         "quality": request.quality,
         "temporal_model": "affine",
+        "device": "cpu",
         "palette": 3,
         "plan": [f"Modelled 3 distinct BRDFs instead of {SIDE * SIDE}."],
         "fit_error": 0.0,

@@ -121,7 +121,7 @@ class TestPrincipled:
 class TestReport:
     CONTRACT = (
         "format ntm frames times size quality temporal_model palette fit_error warnings seconds "
-        "peak_rss_mb files version command seed onset tolerance hashes"
+        "peak_rss_mb files version command seed onset tolerance device hashes"
     )
 
     def test_it_holds_the_contract_s_fields(self, painted: Aged):
@@ -142,6 +142,7 @@ class TestReport:
         assert all(seconds >= 0 for seconds in report["seconds"].values())
         assert 50 < report["peak_rss_mb"] < 10_000
         assert report["version"] == __version__
+        assert report["device"] == "cpu"
 
     def test_hashes_are_those_of_the_files(self, painted: Aged):
         def sha256(path: Path) -> str:

@@ -6,10 +6,13 @@ with the CPU's.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 
 from model_runtime.brdf.fit import USUAL
+from model_runtime.errors import UsageError
 from model_runtime.model_files.weights import find_model
 from model_runtime.modelling import aged, rollout
 from model_runtime.modelling.aged import EFFORTS, model_texels
@@ -17,6 +20,7 @@ from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import ParameterEstimator
 from model_runtime.representation.latents import Representation
 from model_runtime.temporal.ntm import NeuralTemporalModel
+from tests.ageing import run
 
 META = torch.device("meta")
 STATES = torch.rand(9, 7, generator=torch.Generator().manual_seed(0)).clamp_min(0.01)
@@ -47,6 +51,24 @@ def test_what_is_light_stays_on_the_cpu(models: Models, rung: str):
         for device in (META, rollout.CPU)
     )
     assert torch.equal(there, here)
+
+
+def test_the_device_that_is_recorded_is_the_one_that_was_used(models: Models):
+    """Not what was asked for: this rung leaves the CPU for nothing."""
+    ntm, representation = models
+    assert rollout.roll_out(STATES, ntm, "affine", representation, device=META).device == "cpu"
+
+
+@pytest.mark.parametrize("device", ["cuda", "cuda:0", "cuda:1"])
+def test_a_device_that_is_not_there_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str
+):
+    """Said before anything is read, and not an error of torch's minutes later."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: device == "cuda:1")
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
+    with pytest.raises(UsageError, match=f"There is no device {device} ") as error:
+        run(tmp_path / "none", tmp_path / "aged", device=device)
+    assert "--device auto" in error.value.hint
 
 
 def test_where_a_device_fails_the_cpu_does_it_and_it_is_said(models: Models):

@@ -43,6 +43,11 @@ def test_what_was_modelled_written_and_said(tmp_path: Path):
     assert report.warnings == ("Something to know.",)
 
 
+@pytest.mark.parametrize(("device", "said"), [("cpu", "8 s at"), ("cuda", "8 s on cuda at")])
+def test_another_device_than_the_cpu_is_said(tmp_path: Path, device: str, said: str):
+    assert said in report_in(written(tmp_path, device=device)).sentences[-1]
+
+
 @pytest.mark.parametrize(
     ("changes", "usual", "said"),
     [

@@ -160,6 +160,8 @@ def test_a_second_run_is_told_that_the_worker_is_busy(tmp_path: Path):
         ({"temporal_model": "magic"}, "lstm_latents"),
         ({"format": "png"}, "principled-exact"),
         ({"onset": 3}, "onset"),
+        ({"device": 0}, "device"),
+        ({"device": "gpu"}, "cuda:N"),
         ({"ntm": None}, "ntm"),
         ({"output": ""}, "output"),
         ({"colour": "red"}, "colour"),

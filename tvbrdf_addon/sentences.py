@@ -89,10 +89,16 @@ def _understood(aged: dict[str, Any], folder: Path) -> Report:
         sentences=(
             *_sentences(aged["plan"]),
             f"{frames} frame{'s' * (frames > 1)} of {width} x {height} px, {in_bytes(stored)}, "
-            f"in {in_time(seconds)} at quality {shown(aged['quality']).capitalize()}.",
+            f"in {in_time(seconds)}{_on(aged.get('device'))} "
+            f"at quality {shown(aged['quality']).capitalize()}.",
         ),
         warnings=_sentences(aged["warnings"]),
     )
+
+
+def _on(device: object) -> str:
+    """Worth a word where it is not the CPU, as it is in reports from before they said so."""
+    return "" if device in (None, "cpu") else f" on {shown(device)}"
 
 
 def _count(value: object, most: int) -> int:

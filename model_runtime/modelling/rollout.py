@@ -31,7 +31,8 @@ _MEASURED_SAMPLES = 16_200  # as in the paper
 
 @dataclass(frozen=True)
 class Histories:
-    """`states` [P, T, 7] (kd, ks, alpha) of P entries at T ages from 0 to 1, and the fit's error.
+    """`states` [P, T, 7] (kd, ks, alpha) of P entries at T ages from 0 to 1, the fit's error,
+    and the `device` that decoded and fitted.
 
     Where the states went through latents, states[:, 0] is the entry as the representation sees it,
     not the entry itself.
@@ -39,6 +40,7 @@ class Histories:
 
     states: Tensor
     fit_error: float
+    device: str = "cpu"
 
 
 def fit_measured(brdf: MeasuredBRDF, specular: Literal["rgb", "mono"]) -> tuple[Tensor, float]:
@@ -79,7 +81,9 @@ def roll_out(
     than those of `representation`.
     """
     model, decoder = ntm.rung(rung), representation
-    if rung == "lstm_latents" and device != CPU:
+    if rung != "lstm_latents":
+        device = CPU
+    if device != CPU:
         model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation)
         assert isinstance(decoder, torch.nn.Module)
         decoder.to(device)
@@ -106,7 +110,7 @@ def roll_out(
             raise _unusable(ntm, "makes values that are not finite")
         parts.append(_bounded(clamp_parameters(states), chunk))
         step(stop / len(entries))
-    return Histories(torch.cat(parts), max(errors))
+    return Histories(torch.cat(parts), max(errors), str(device))
 
 
 def _leads_nowhere(histories: Tensor, entries: Tensor) -> bool:

@@ -24,6 +24,7 @@ _GOOD: dict[str, tuple[Any, ...]] = {
     "format": ("torrance-sparrow", "principled", "principled-exact"),
     "onset": ("auto", "none"),
     "sparse": (True, False),
+    "device": ("auto", "cpu"),
 }
 _TOO_MUCH = {"frames": 10**9, "size": 16385}
 _FIELDS = ("input", "ntm", "output", *_GOOD)
