@@ -13,6 +13,8 @@ extension, as Blender does: `from tvbrdf.tvbrdf_addon.material.binding import bi
 
 `paint`, `steel`: folders with maps of painted steel (64 px) and with one uniform texel of steel.
 
+`rusting`: a folder with a short, small rust sequence to train a model on.
+
 `worker`: the stub worker, as Blender would start it; `script(code)`: one made of a few lines.
 
 Properties are tried on the same examples every time in CI, and on new ones elsewhere.
@@ -119,6 +121,15 @@ def steel(place: Path) -> Path:
     from tests.ageing import write_torrance_sparrow
 
     return write_torrance_sparrow(place / "steel")
+
+
+@pytest.fixture(scope="session")
+def rusting(place: Path) -> Path:
+    from training.data import weathering
+
+    folder = place / "rusting"
+    weathering.write("rust", folder, size=24, frames=6)
+    return folder
 
 
 @pytest.fixture
