@@ -6,6 +6,7 @@ import dataclasses
 import re
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -127,10 +128,10 @@ def cards(
     if ntm is None:
         found = weights.list_models(skipped=skipped)
     else:
-        found = [weights.read_card(weights.find_model(ntm))]
-    return [
-        {"description": card.description, **card.details, "path": str(card.path)} for card in found
-    ]
+        card = weights.read_card(weights.find_model(ntm))
+        bundled = {each.name: each.path for each in weights.list_models()}.get(card.name)
+        found = [card if bundled == card.path else replace(card, namesake=bundled)]
+    return [{**card.details, "description": card.summary, "path": str(card.path)} for card in found]
 
 
 def option(name: str) -> str:

@@ -139,6 +139,15 @@ def test_info_needs_neither_torch_nor_numpy(tmp_path: Path):
     assert listed.items() >= card.items()
 
 
+def test_info_says_that_a_model_is_named_as_a_bundled_one(tmp_path: Path):
+    model = tmp_path / "mine.safetensors"
+    for name, said in (("rust", "not the bundled model of this name"), ("lichen", "Mine: Grows\n")):
+        card = {"name": name, "title": "Mine", "description": "Grows", "temporal_model": "affine"}
+        save_model(model, {"weight": torch.zeros(2)}, card, kind="ntm")
+        assert said in command("info", "--ntm", model).stdout
+    assert "not the bundled" not in command("info").stdout
+
+
 def test_info_on_a_file_that_is_no_model(tmp_path: Path):
     (tmp_path / "broken.safetensors").write_bytes(b"\x07")
     done = command("info", "--ntm", tmp_path / "broken.safetensors")

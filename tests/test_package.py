@@ -370,6 +370,28 @@ class TestListing:
         assert "cannot be read" in said[1].message
         assert len(said) == 2
 
+    def test_of_one_name_the_last_folder_s_is_listed_and_whose_it_is_is_said(self, tmp_path: Path):
+        for folder in ("bundled", "a user's"):
+            (tmp_path / folder).mkdir()
+            stored(tmp_path / folder, model_bytes(CARD), f"{folder}.safetensors")
+        folders = (tmp_path / "bundled", tmp_path / "a user's")
+        (card,) = list_models(folders)
+        assert card.path.parent.name == "a user's"
+        assert card.summary == "Grows (yours, not the bundled model of this name)"
+        assert find_model("moss", folders) == card.path
+        (bundled,) = list_models(folders[:1])
+        assert bundled.summary == "Grows"
+
+    def test_a_second_one_of_a_name_in_a_folder_is_said(self, tmp_path: Path):
+        for name in ("a", "b"):
+            stored(tmp_path, model_bytes(CARD), f"{name}.safetensors")
+        said: list[ModelFileError] = []
+        (card,) = list_models((tmp_path, tmp_path), skipped=said.append)
+        assert card.path.name == "a.safetensors"
+        assert [error.message for error in said] == [
+            "b.safetensors calls itself moss, as a.safetensors does."
+        ]
+
     def test_a_model_is_found_by_its_name(self, tmp_path: Path):
         path = stored(tmp_path, model_bytes(), "any file name.safetensors")
         assert find_model("moss", (tmp_path,)) == path

@@ -57,9 +57,9 @@ def _read(folders: Sequence[Path]) -> Models:
         if card.name == OWN_FILE:
             left_out.append(f"{shown(card.path.name)} calls itself {OWN_FILE}. Rename the model.")
         else:
-            cards.setdefault(card.name, card)
+            cards[card.name] = card
     items = [
-        (card.name, card.title, card.description, "NONE", enum_number(card.name))
+        (card.name, card.title, card.summary, "NONE", enum_number(card.name))
         for card in cards.values()
     ]
     own = (OWN_FILE, "From File…", "A model file of your own", "FILE", enum_number(OWN_FILE))

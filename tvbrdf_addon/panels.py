@@ -106,7 +106,7 @@ def _draw_model(
         layout.prop(settings, "ntm_file", text="File")
     elif (card := properties.card_of(settings)) is not None:
         box = layout.box()
-        _paragraph(box, context, card.description)
+        _paragraph(box, context, card.summary)
 
 
 def _draw_range(

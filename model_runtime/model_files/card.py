@@ -25,7 +25,7 @@ _TEXTS = ("name", "title", "description", "process", "representation", "source",
 @dataclass(frozen=True)
 class ModelCard:
     """What a model file says of itself. `kind` is "encoder", "estimator" or "ntm"; `details` is
-    the whole card.
+    the whole card; `namesake` is the bundled file, if any, whose name this other file has taken.
     """
 
     path: Path
@@ -42,6 +42,13 @@ class ModelCard:
     license: str = ""
     trained: Mapping[str, Any] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
+    namesake: Path | None = None
+
+    @property
+    def summary(self) -> str:
+        """The description, and whose model it is where that could be mistaken."""
+        whose = "" if self.namesake is None else "(yours, not the bundled model of this name)"
+        return f"{self.description} {whose}".strip()
 
 
 def strict_json(text: str | bytes) -> Any:

@@ -10,7 +10,8 @@ import hashlib
 import json
 import stat
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -121,29 +122,50 @@ def list_models(
     *,
     skipped: Callable[[ModelFileError], None] = lambda error: None,
 ) -> list[ModelCard]:
-    """The cards of all NTMs in `folders`, by title. `skipped` hears of each file and folder that
-    cannot be read.
+    """The cards of all NTMs in `folders`, by title. Of one name that of the last folder is listed,
+    so that a user's model goes before a bundled one. `skipped` hears of each file and folder that
+    cannot be read, and of a second file of one name in a folder.
     """
-    cards = []
-    for folder in folders:
-        try:
-            files = [path for path in folder.iterdir() if path.suffix == ".safetensors"]
-        except FileNotFoundError:
-            continue
-        except (OSError, ValueError) as error:  # ValueError: no path at all
-            skipped(
-                ModelFileError(
-                    f"The folder {shown(folder)} cannot be read ({reason(error)}).",
-                    "Choose another folder for models.",
+    found: dict[str, ModelCard] = {}
+    for folder in dict.fromkeys(folders):
+        for card in _models_in(folder, skipped):
+            earlier = found.get(card.name)
+            if earlier is None:
+                found[card.name] = card
+            elif earlier.path.parent != folder:
+                found[card.name] = replace(card, namesake=earlier.path)
+            else:
+                skipped(
+                    ModelFileError(
+                        f"{shown(card.path.name)} calls itself {shown(card.name)}, as "
+                        f"{shown(earlier.path.name)} does.",
+                        "Rename one of the models.",
+                    )
                 )
+    return sorted(found.values(), key=lambda card: card.title)
+
+
+def _models_in(folder: Path, skipped: Callable[[ModelFileError], None]) -> Iterator[ModelCard]:
+    try:
+        files = [path for path in folder.iterdir() if path.suffix == ".safetensors"]
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError) as error:  # ValueError: no path at all
+        skipped(
+            ModelFileError(
+                f"The folder {shown(folder)} cannot be read ({reason(error)}).",
+                "Choose another folder for models.",
             )
-            continue
-        for path in sorted(files):
-            try:
-                cards.append(read_card(path))
-            except ModelFileError as error:
-                skipped(error)
-    return sorted((card for card in cards if card.kind == "ntm"), key=lambda card: card.title)
+        )
+        return
+    for path in sorted(files):
+        try:
+            card = read_card(path)
+        except ModelFileError as error:
+            skipped(error)
+        else:
+            if card.kind == "ntm":
+                yield card
 
 
 def find_model(name_or_file: str, folders: Sequence[Path] = (MODELS,)) -> Path:

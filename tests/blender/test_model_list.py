@@ -100,3 +100,13 @@ def test_a_folder_that_is_none_leaves_the_bundled_models(folder: Path, monkeypat
     (folder / "file").write_text("")
     monkeypatch.setattr(preferences, "model_folders", lambda: (weights.MODELS, folder / place))
     assert names() == BUNDLED | {"file"}
+
+
+def test_one_named_as_a_bundled_one_takes_its_place_and_says_so(folder: Path):
+    write(folder / "mine.safetensors", name="rust", title="My Rust", description="Mine.")
+    assert names() == BUNDLED | {"file"}
+    (item,) = (each for each in properties._model_items(None, bpy.context) if each[0] == "rust")
+    assert item[1:3] == ("My Rust", "Mine. (yours, not the bundled model of this name)")
+    settings = bpy.data.materials.new("any").tvbrdf
+    settings.ntm = "rust"
+    assert properties.model_file(settings) == folder / "mine.safetensors"
