@@ -130,7 +130,7 @@ def _info(arguments: argparse.Namespace, _ending: EndingSignals) -> None:
     if arguments.json:
         write_out(json.dumps(found, indent=2), sys.stdout)
         return
-    lines = (f"{card['name']:12} {card['title']}: {card['description']}" for card in found)
+    lines = (f"{card['name']:12} {card['title']}: {card['summary']}" for card in found)
     write_out("\n".join(lines), sys.stdout)
 
 

@@ -131,7 +131,15 @@ def cards(
         card = weights.read_card(weights.find_model(ntm))
         bundled = {each.name: each.path for each in weights.list_models()}.get(card.name)
         found = [card if bundled == card.path else replace(card, namesake=bundled)]
-    return [{**card.details, "description": card.summary, "path": str(card.path)} for card in found]
+    return [
+        {
+            "description": card.description,
+            **card.details,
+            "summary": card.summary,
+            "path": str(card.path),
+        }
+        for card in found
+    ]
 
 
 def option(name: str) -> str:
