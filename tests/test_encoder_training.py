@@ -18,7 +18,6 @@ from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import read_card
 from model_runtime.representation import load_representation
 from tests.trainings import equal, kill_at, small
-from training import encoder
 from training.encoder import CONFIGS, train_encoder
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -32,15 +31,12 @@ def test_killed_and_resumed_it_ends_as_it_would_have(data_folder, tmp_path, monk
     whole, parts = tmp_path / "whole.safetensors", tmp_path / "parts.safetensors"
     train_encoder(config=name, output=whole, seed=3)
     for at in (2, 2):  # killed twice: a checkpoint further each time
-        kill_at(
-            encoder,
-            at,
-            lambda: train_encoder(config=name, output=parts, seed=3, resume=True),
-        )
+        kill_at(at, lambda: train_encoder(config=name, output=parts, seed=3, resume=True))
         assert not parts.exists()
     torch.rand(5)  # whatever random numbers are drawn meanwhile
     train_encoder(config=name, output=parts, seed=3, resume=True)
     assert equal(whole, parts)
+    assert not list(tmp_path.glob("*checkpoint*"))
 
 
 def test_the_file_is_an_encoder_with_a_card(data_folder, tmp_path, monkeypatch):
@@ -92,15 +88,15 @@ def test_a_damaged_checkpoint_is_a_sentence(data_folder, tmp_path, monkeypatch):
 
 def test_so_is_another_recipe_s(data_folder, tmp_path, monkeypatch):
     for name in ("fast", "paper"):
-        monkeypatch.setitem(CONFIGS, name, small(name, iterations=2))
-    train_encoder(config="paper", output=tmp_path / "e.safetensors")
+        monkeypatch.setitem(CONFIGS, name, small(name))
+    kill_at(2, lambda: train_encoder(config="paper", output=tmp_path / "e.safetensors"))
     with pytest.raises(UsageError, match="other settings"):
         train_encoder(config="fast", output=tmp_path / "e.safetensors", resume=True)
 
 
 def test_so_is_another_seed_s(data_folder, tmp_path, monkeypatch):
-    monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=2))
-    train_encoder(config="fast", output=tmp_path / "e.safetensors", seed=1)
+    monkeypatch.setitem(CONFIGS, "fast", small("fast"))
+    kill_at(2, lambda: train_encoder(config="fast", output=tmp_path / "e.safetensors", seed=1))
     with pytest.raises(UsageError, match="other settings"):
         train_encoder(config="fast", output=tmp_path / "e.safetensors", resume=True, seed=2)
 
@@ -115,9 +111,9 @@ def test_killed_by_the_system(data_folder, tmp_path, monkeypatch):
         "from pathlib import Path\n"
         "from dataclasses import replace\n"
         "from tests.trainings import fast_clock, small\n"
-        "from training import encoder\n"
+        "from training import encoder, loop\n"
         "torch.set_num_threads(1)\n"
-        "encoder.time = fast_clock(61)\n"
+        "loop.time = fast_clock(61)\n"
         "encoder.CONFIGS['fast'] = small('fast', iterations=60)\n"
         "encoder.train_encoder(config='fast', output=Path(sys.argv[1]), seed=5)\n"
     )

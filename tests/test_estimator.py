@@ -22,6 +22,7 @@ from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import ParameterEstimator, load_estimator
 from model_runtime.representation.latents import Latents
 from model_runtime.temporal.ntm import NeuralTemporalModel
+from tests.trainings import equal, kill_at
 from training.distillation import random_states
 from training.estimator import train_estimator
 
@@ -98,6 +99,17 @@ def test_training_makes_a_file_that_loads(tmp_path: Path):
     assert (card.kind, card.representation) == ("estimator", identity)
     assert card.trained["command"].endswith("--seed 3 --minutes 0.02")
     assert card.trained["iterations"] > 0
+
+
+def test_killed_and_resumed_it_ends_as_it_would_have(tmp_path: Path):
+    whole, parts = tmp_path / "whole.safetensors", tmp_path / "parts.safetensors"
+    train_estimator(output=whole, iterations=14, **TINY)
+    for at in (2, 2):
+        kill_at(at, lambda: train_estimator(output=parts, iterations=14, resume=True, **TINY))
+        assert not parts.exists()
+    train_estimator(output=parts, iterations=14, resume=True, **TINY)
+    assert equal(whole, parts)
+    assert not list(tmp_path.glob("*checkpoint*"))
 
 
 def test_training_is_repeatable_and_learns(tmp_path: Path):

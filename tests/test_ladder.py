@@ -23,7 +23,8 @@ from training.ladder import (
     suffices,
     widest_channel,
 )
-from training.ntm import NTMConfig, Run, train_ladder
+from training.loop import Run
+from training.ntm import NTMConfig, train_ladder
 from training.source.histories import SourceHistories, source_histories
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from model_runtime.temporal.models import Affine
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 from tests.ageing import run, write_torrance_sparrow
 from tests.trainings import equal, kill_at
-from training import ntm
+from training import loop, ntm
 from training.checkpoint import DivergedError
 from training.data import weathering
 from training.data.synthetic import s2
@@ -94,10 +95,11 @@ def test_killed_and_resumed_it_ends_as_it_would_have(rusting, tmp_path):
     whole = train(rusting, tmp_path / "whole.safetensors", seed=2)
     output = tmp_path / "parts.safetensors"
     for at in (2, 3, 4, 4, 2):  # in both LSTMs, then in those that hold out ranges
-        kill_at(ntm, at, lambda: train(rusting, output, seed=2, resume=True))
+        kill_at(at, lambda: train(rusting, output, seed=2, resume=True))
         assert not output.exists()
     train(rusting, output, seed=2, resume=True)
     assert equal(whole, output)
+    assert not list(tmp_path.glob("*checkpoint*"))
 
 
 def test_a_damaged_checkpoint_is_a_sentence(rusting, tmp_path):
@@ -120,7 +122,7 @@ def test_what_is_affine_gets_the_affine_model(tmp_path):
     assert all(psnr > 45 for psnr in ladder["affine"].values())
     assert all(psnr < 45 for psnr in ladder["constant"].values())
     assert set(ladder["lstm_latents"]) == {"texels"}, "what is not needed is not trained"
-    assert not list(tmp_path.glob("*.above.*"))
+    assert not list(tmp_path.rglob("above.*")), "nor logged"
 
 
 def test_what_stays_gets_the_constant(tmp_path):
@@ -140,6 +142,7 @@ def test_a_folder_without_a_sequence(tmp_path):
 def test_a_checkpoint_that_is_no_number_replaces_no_model(rusting, tmp_path):
     output = train(rusting, tmp_path / "moss.safetensors")
     good = output.read_bytes()
+    kill_at(7, lambda: train(rusting, output))
     checkpoint = tmp_path / "moss.latents.checkpoint.safetensors"
     spoil(checkpoint)
     with pytest.raises(ModelFileError, match="not finite"):
@@ -179,7 +182,7 @@ def test_what_cannot_be_written_is_known_before(rusting, tmp_path, monkeypatch, 
     else:
         ending = ".safetensors" if what == "output" else ".parameters.checkpoint.safetensors"
         output.with_suffix(ending).mkdir(parents=True)
-    monkeypatch.setattr(ntm.tqdm, "__iter__", None)  # no step is taken
+    monkeypatch.setattr(loop.tqdm, "__iter__", None)  # no step is taken
     with pytest.raises(OutputError, match="cannot be written"):
         train(rusting, output)
 
@@ -199,6 +202,20 @@ def test_a_card_that_nobody_could_read_is_refused_before(rusting, tmp_path, fiel
         train(rusting, tmp_path / "moss.safetensors", card=CARD | {field: value})
     assert str(error.value).isprintable()
     assert not list(tmp_path.iterdir())
+
+
+def test_everybody_who_may_by_the_umask_can_read_it(rusting, tmp_path):
+    before = os.umask(0o027)
+    try:
+        path = train(rusting, tmp_path / "moss.safetensors")
+    finally:
+        os.umask(before)
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_nothing_is_said_before_the_encoder_where_no_source_is_named(rusting, tmp_path):
+    path = train(rusting, tmp_path / "moss.safetensors", card=CARD | {"source": ""})
+    assert read_card(path).source.startswith("Encoder: ")
 
 
 def test_a_folder_of_any_name_can_be_learned_from(rusting, tmp_path):

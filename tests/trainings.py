@@ -6,12 +6,13 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
 import torch
 from safetensors.torch import load_file
 
+from training import loop
 from training.checkpoint import save_checkpoint
 from training.encoder import CONFIGS, EncoderConfig
 
@@ -26,8 +27,8 @@ def fast_clock(step: float) -> SimpleNamespace:
     return SimpleNamespace(monotonic=lambda: next(now) * step, process_time=time.process_time)
 
 
-def kill_at(module: ModuleType, at: int, task: Callable[[], object]) -> None:
-    """Call `task` with checkpoints every three steps, killed before `module` writes its `at`-th."""
+def kill_at(at: int, task: Callable[[], object]) -> None:
+    """Call `task` with checkpoints every three steps, killed before it writes its `at`-th."""
     count = iter(range(1, 10**9))
 
     def save(*args, **keywords) -> None:
@@ -36,8 +37,8 @@ def kill_at(module: ModuleType, at: int, task: Callable[[], object]) -> None:
         save_checkpoint(*args, **keywords)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "time", fast_clock(21))
-        patch.setattr(module, "save_checkpoint", save)
+        patch.setattr(loop, "time", fast_clock(21))
+        patch.setattr(loop, "save_checkpoint", save)
         with pytest.raises(Killed):
             task()
 

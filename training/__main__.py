@@ -43,14 +43,21 @@ def encoder(
 
 
 @app.command
-def estimator(encoder: Path, output: Path, minutes: float | None = None, seed: int = 0) -> None:
+def estimator(
+    encoder: Path,
+    output: Path,
+    resume: bool = False,
+    minutes: float | None = None,
+    seed: int = 0,
+) -> None:
     """Train the network that tells parameters from latents where a fit would take too long.
 
-    It takes some twelve minutes of a core and cannot be resumed.
+    It takes some twelve minutes of a core.
 
     Args:
         encoder: the encoder of the latents.
-        output: the .safetensors file to write.
+        output: the .safetensors file to write; a checkpoint and logs go beside it.
+        resume: go on from the checkpoint beside the output.
         minutes: train so many minutes of one core instead, after those for the fits it learns.
         seed: of all random numbers.
     """
@@ -58,7 +65,7 @@ def estimator(encoder: Path, output: Path, minutes: float | None = None, seed: i
 
     _check(minutes, seed)
 
-    train_estimator(encoder=encoder, output=output, minutes=minutes, seed=seed)
+    train_estimator(encoder=encoder, output=output, resume=resume, minutes=minutes, seed=seed)
 
 
 @app.command

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch import Tensor
 from tqdm import tqdm
@@ -12,11 +10,12 @@ from model_runtime.brdf import torrance_sparrow
 from model_runtime.representation.lobes import LobeRepresentation
 
 from .data.analytic import random_torrance_sparrow
+from .loop import Schedule, adam, optimise
 
 __all__ = ("distil", "random_states")
 
 _BATCH = 256
-_RATE = 2e-3
+_SCHEDULE = Schedule(2e-3, warm_up=100)
 
 
 def random_states(n: int, g: torch.Generator) -> Tensor:
@@ -34,18 +33,14 @@ def distil(model: LobeRepresentation, *, seed: int, iterations: int) -> None:
     g = torch.Generator().manual_seed(seed)
     angles = model.sample_angles(len(model.encoder_angles))
     layers = (model.from_channel, model.from_pooled, model.from_each)
-    optimizer = torch.optim.Adam(
-        [p for layer in layers for p in layer.parameters()], lr=_RATE, betas=(0.9, 0.99)
-    )
-    for step in tqdm(range(iterations), desc="parameters to latents"):
-        for group in optimizer.param_groups:
-            cosine = 0.5 * (1 + math.cos(math.pi * step / iterations))
-            group["lr"] = _RATE * min(1, (step + 1) / 100) * (0.01 + 0.99 * cosine)
+
+    def loss(_: int) -> Tensor:
         states = random_states(_BATCH, g)
         kd, ks, alpha = states[:, :3], states[:, 3:6], states[:, 6]
         with torch.no_grad():
             wanted = model.encode(angles, torrance_sparrow.evaluate(kd, ks, alpha, angles)).flat()
-        loss = (model.encode_parameters(states).flat() - wanted).abs().mean()
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
+        return (model.encode_parameters(states).flat() - wanted).abs().mean()
+
+    weights = (weight for layer in layers for weight in layer.parameters())
+    steps = tqdm(range(iterations), desc="parameters to latents")
+    optimise(loss, adam(weights), _SCHEDULE, steps, iterations)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import torch
-from torch import Tensor, nn
-from tqdm import tqdm
+from torch import Tensor
 
 from model_runtime.atomic import check_writable
 from model_runtime.model_files.weights import save_model
@@ -18,12 +15,11 @@ from model_runtime.representation import Trained, build, load_representation
 from model_runtime.representation.latents import Latents, Representation, log_transform
 from model_runtime.representation.lobes import LobeRepresentation, compress
 
-from .checkpoint import load_checkpoint, save_checkpoint
 from .data.location import data_folder
 from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
 from .distillation import distil
-from .log import open_log
+from .loop import Run, Schedule, Training, remove_checkpoints, train
 from .metric.sphere import tone_map
 from .progress import Progress
 
@@ -127,14 +123,6 @@ CONFIGS["paper-short"] = _SHORT
 CONFIGS["brdfnps-short"] = replace(_SHORT, representation="brdfnps")
 
 
-def learning_rate(config: EncoderConfig, step: int, total: int) -> float:
-    """The rate at `step` of `total`: a linear warm-up, then constant or a cosine to 1 %."""
-    rate = config.learning_rate * min(1.0, (step + 1) / max(1, config.warm_up))
-    if config.schedule == "cosine":
-        rate *= 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * min(1.0, step / total)))
-    return rate
-
-
 def _noisy(latents: Latents, scale: float, g: torch.Generator) -> Latents:
     if scale == 0:
         return latents
@@ -192,71 +180,17 @@ def train_encoder(
 ) -> Path:
     """Train the recipe `config` and write the encoder to `output`; returns that path.
 
-    A checkpoint beside the output is replaced every minute; `resume` goes on from it. The random
-    numbers, the optimiser and the step are all in it, so an interrupted run ends as an
-    uninterrupted one. `minutes` sets the number of iterations, at a speed measured first. Minutes
-    are those of a core, so that runs beside others compare.
+    A checkpoint beside the output is replaced every minute, and removed in the end; `resume` goes
+    on from it. `minutes` sets the number of iterations, at a speed measured first. Minutes are
+    those of a core, so that runs beside others compare.
     """
     recipe = CONFIGS[config]
-    checkpoint = output.with_suffix(".checkpoint.safetensors")
-    for file in (output, checkpoint):
-        check_writable(file)
+    check_writable(output)
     torch.manual_seed(seed)
-    g = torch.Generator().manual_seed(seed)
     measured = load(data_folder(), "merl").without(HELD_OUT)
     model = build(recipe.representation)
-    optimizer = torch.optim.Adam(model.parameters(), lr=recipe.learning_rate, betas=(0.9, 0.99))
-    run = {"seed": seed, "config": asdict(recipe)}
-    record: dict[str, Any] = {
-        "step": 0,
-        "seconds": 0.0,
-        "iterations": recipe.iterations,
-        "curve": [],
-        "run": run,
-    }
-    if resume and checkpoint.exists():
-        record = load_checkpoint(
-            checkpoint, model=model, optimizer=optimizer, generator=g, fresh=record
-        )
-    elif minutes is not None:
-        record["iterations"] = _iterations_in(minutes, model, recipe, measured)
-    writer = open_log(output.with_suffix(".tensorboard"))
-    progress = Progress.load(data_folder()) if recipe.looks else None
-    start, saved = time.process_time() - record["seconds"], time.monotonic()
-    bar = tqdm(range(record["step"], record["iterations"]), initial=record["step"])
-    bar.total = record["iterations"]
-    smooth = None
-    for step in bar:
-        for group in optimizer.param_groups:
-            group["lr"] = learning_rate(recipe, step, record["iterations"])
-        torch.manual_seed(seed + step)  # variational latents: a resumed run draws the same
-        loss = training_loss(model, recipe, measured, g)
-        optimizer.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-        optimizer.step()
-        if step % 100 == 0:
-            value = loss.item()
-            smooth = value if smooth is None else 0.95 * smooth + 0.05 * value
-            bar.set_postfix_str(f"loss {smooth:.4f}", refresh=False)
-            writer.add_scalar("loss", value, step)
-        looked, due = (at * recipe.looks // record["iterations"] for at in (step, step + 1))
-        if progress is not None and due > looked:
-            paused = time.process_time()
-            scores = progress.scores(model.eval())
-            model.train()
-            start += time.process_time() - paused
-            writer.add_scalars("psnr", scores, step)
-            minute = round((time.process_time() - start) / 60, 2)
-            record["curve"].append({"iteration": step + 1, "minutes": minute, **scores})
-        if time.monotonic() - saved > 60:
-            saved = time.monotonic()
-            record |= {"step": step + 1, "seconds": time.process_time() - start}
-            save_checkpoint(
-                checkpoint, model=model, optimizer=optimizer, generator=g, record=record
-            )
-    record |= {"step": record["iterations"], "seconds": time.process_time() - start}
-    save_checkpoint(checkpoint, model=model, optimizer=optimizer, generator=g, record=record)
+    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
+    record = train(_training(recipe, model, measured, seed), run)
     if isinstance(model, LobeRepresentation):
         distil(model, seed=seed, iterations=recipe.distillation)
     options = f"--config {config} --seed {seed}"
@@ -283,18 +217,32 @@ def train_encoder(
         kind="encoder",
         check=load_representation,
     )
+    remove_checkpoints(run)
     return output
 
 
-def _iterations_in(
-    minutes: float, model: Trained, recipe: EncoderConfig, measured: NeuralBRDFs
-) -> int:
-    """How many iterations fit in `minutes` here; the trial runs leave the model as it was."""
-    g = torch.Generator().manual_seed(0)
-    trials = 3 if recipe.samples == _DIRECTIONS else 30
-    for trial in range(trials + 2):
-        if trial == 2:
-            start = time.process_time()
-        training_loss(model, recipe, measured, g).backward()
-    model.zero_grad()
-    return max(1, int(minutes * 60 / ((time.process_time() - start) / trials) * 0.9))
+def _training(recipe: EncoderConfig, model: Trained, measured: NeuralBRDFs, seed: int) -> Training:
+    g = torch.Generator().manual_seed(seed)
+    progress = Progress.load(data_folder()) if recipe.looks else None
+
+    def loss(step: int) -> Tensor:
+        torch.manual_seed(seed + step)  # variational latents: a resumed run draws the same
+        return training_loss(model, recipe, measured, g)
+
+    def look() -> dict[str, float]:
+        assert progress is not None
+        scores = progress.scores(model.eval())
+        model.train()
+        return scores
+
+    floor = 0.01 if recipe.schedule == "cosine" else 1.0
+    return Training(
+        model,
+        loss,
+        Schedule(recipe.learning_rate, recipe.warm_up, floor),
+        recipe.iterations,
+        g,
+        {"config": asdict(recipe)},
+        recipe.looks,
+        look,
+    )

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from tqdm import tqdm
 
 from model_runtime.atomic import check_writable
@@ -21,13 +21,14 @@ from model_runtime.representation.latents import Latents
 from model_runtime.representation.lobes import compress
 
 from .distillation import random_states
+from .loop import Run, Schedule, Training, remove_checkpoints, train
 from .metric.sphere import tone_map
 
 __all__ = ("random_latents", "train_estimator")
 
 _BATCH = 512
 _LOOKED_AT = 64  # of a batch, whose appearance is compared too
-_RATE = 3e-3
+_SCHEDULE = Schedule(3e-3, warm_up=200)
 _FITTED = 4096  # at a time
 # Specular albedo at which alpha counts half: without a lobe it means nothing.
 _VISIBLE = 0.02
@@ -49,6 +50,7 @@ def train_estimator(
     *,
     encoder: Path,
     output: Path,
+    resume: bool = False,
     minutes: float | None = None,
     iterations: int = 135_000,
     materials: int = 400_000,
@@ -56,8 +58,9 @@ def train_estimator(
 ) -> Path:
     """Train an estimator for the latents of `encoder` and write it to `output`; returns that path.
 
-    It learns what the fit finds in `materials` random latents, in so many `iterations`, which make
-    the same file again, or for `minutes` of a core, which may not.
+    It learns what the fit finds in `materials` random latents, in so many `iterations`, or in as
+    many as fit in `minutes` of a core. A checkpoint beside the output is replaced every minute, and
+    removed in the end; `resume` goes on from it, once the fits are found again.
     """
     check_writable(output)
     torch.manual_seed(seed)
@@ -66,35 +69,17 @@ def train_estimator(
     with torch.no_grad():
         latents = random_latents(materials, representation, g)
         wanted = _fitted(latents, representation)
-    albedos = compress(torch.stack((wanted[:, :3], wanted[:, 3:6]), 2))
-    log_alpha = wanted[:, 6].log()
-    specular = wanted[:, 3:6].mean(1)
-    visible = specular / (specular + _VISIBLE)
-
     model = ParameterEstimator(latents.color.shape[2], latents.shared.shape[1])
-    optimizer = torch.optim.Adam(model.parameters(), lr=_RATE, betas=(0.9, 0.99))
-    start, step = time.process_time(), 0
-    with tqdm(total=100, desc="estimator", unit="%") as bar:
-        while True:
-            spent = (time.process_time() - start) / 60
-            done = step / iterations if minutes is None else spent / minutes
-            if done >= 1:
-                break
-            cosine = 0.5 * (1 + math.cos(math.pi * done))
-            for group in optimizer.param_groups:
-                group["lr"] = _RATE * min(1, (step + 1) / 200) * (0.01 + 0.99 * cosine)
-            rows = torch.randint(materials, (_BATCH,), generator=g)
-            told, told_alpha = model(Latents(latents.color[rows], latents.shared[rows]))
-            loss = (told - albedos[rows]).abs().mean(0).sum() / 3
-            loss = loss + ((told_alpha - log_alpha[rows]).abs() * visible[rows]).mean()
-            seen = as_states(told[:_LOOKED_AT], told_alpha[:_LOOKED_AT])
-            loss = loss + 5 * _difference(seen, wanted[rows[:_LOOKED_AT]])
-            optimizer.zero_grad()
-            loss.backward()
-            nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-            optimizer.step()
-            step += 1
-            bar.update(int(100 * done) - bar.n)
+    training = Training(
+        model,
+        _loss(model, latents, wanted, g),
+        _SCHEDULE,
+        iterations,
+        g,
+        {"encoder": identity, "iterations": iterations, "materials": materials},
+    )
+    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
+    record = train(training, run)
     options = f"--encoder {shown(encoder)} --output {shown(output)} --seed {seed}"
     options += f" --minutes {minutes:g}" if minutes is not None else ""
     save_model(
@@ -108,8 +93,8 @@ def train_estimator(
             "license": "GPL-3.0-or-later",
             "trained": {
                 "command": f"python -m training estimator {options}",
-                "iterations": step,
-                "minutes": round(spent, 1),
+                "iterations": record["iterations"],
+                "minutes": round(record["seconds"] / 60, 1),
                 "seed": seed,
                 "data": f"what the fit finds in {materials:,} random latents",
             },
@@ -117,7 +102,30 @@ def train_estimator(
         kind="estimator",
         check=lambda file: load_estimator(identity, file),
     )
+    remove_checkpoints(run)
     return output
+
+
+def _loss(
+    model: ParameterEstimator, latents: Latents, wanted: Tensor, g: torch.Generator
+) -> Callable[[int], Tensor]:
+    """Of a random batch: albedos, alpha as far as it is visible, and what a few of them look like;
+    `wanted` [N, 7] is what the fit finds in `latents`.
+    """
+    albedos = compress(torch.stack((wanted[:, :3], wanted[:, 3:6]), 2))
+    log_alpha = wanted[:, 6].log()
+    specular = wanted[:, 3:6].mean(1)
+    visible = specular / (specular + _VISIBLE)
+
+    def loss(_: int) -> Tensor:
+        rows = torch.randint(len(wanted), (_BATCH,), generator=g)
+        told, told_alpha = model(Latents(latents.color[rows], latents.shared[rows]))
+        missed = (told - albedos[rows]).abs().mean(0).sum() / 3
+        missed = missed + ((told_alpha - log_alpha[rows]).abs() * visible[rows]).mean()
+        seen = as_states(told[:_LOOKED_AT], told_alpha[:_LOOKED_AT])
+        return missed + 5 * _difference(seen, wanted[rows[:_LOOKED_AT]])
+
+    return loss
 
 
 def _fitted(latents: Latents, representation: Trained) -> Tensor:

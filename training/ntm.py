@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import torch
-from torch import Tensor, nn
-from tqdm import tqdm
+from torch import Tensor
 
 from model_runtime.atomic import check_writable
 from model_runtime.errors import UsageError, reason, shown
@@ -24,18 +21,22 @@ from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
 
-from .checkpoint import load_checkpoint, save_checkpoint
 from .data.sequences import read_sequence
 from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
-from .log import open_log
+from .loop import Run, Schedule, Training, remove_checkpoints, train
 from .source.histories import SourceHistories, source_histories
 from .source.onsets import timed
 from .source.steadiness import steadied
 
-__all__ = ("NTMConfig", "Run", "train_ladder", "train_lstm", "train_ntm")
+__all__ = ("PARTS", "NTMConfig", "train_ladder", "train_lstm", "train_ntm")
 
 Model = ParameterLSTM | LatentLSTM
 Kind = Literal["parameters", "latents"]
+
+PARTS = tuple(f"{fold}{kind}" for fold in ("", "above.", "below.") for kind in get_args(Kind))
+"""What is trained of a model, each with a checkpoint: two LSTMs, and those that only cross-validate
+what is above and below a range.
+"""
 
 _DOUBTFUL = 25.0
 _CHANNELS = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
@@ -54,22 +55,6 @@ class NTMConfig:
     sufficient: float = 45.0
     margin: float = 1.0
     fold_share: float = 0.25
-
-
-@dataclass(frozen=True)
-class Run:
-    """Where a training leaves its checkpoints (`base` with the LSTM's name added, after that of the
-    `fold` where it only cross-validates one) and, unless None, its TensorBoard logs; how many
-    minutes of a core it may take; from which seed; how many seconds it may lose when it is killed.
-    """
-
-    base: Path
-    log: Path | None = None
-    resume: bool = False
-    minutes: float | None = None
-    seed: int = 0
-    fold: str = ""
-    save_every: float = 60.0
 
 
 def train_ntm(
@@ -122,6 +107,7 @@ def train_ntm(
         kind="ntm",
         check=lambda file: NeuralTemporalModel.load(file, identity),
     )
+    remove_checkpoints(run, PARTS)
     print(f"{output}: {ntm.chosen}; dB of what was held out:")
     for rung, scores in found["ladder"].items():
         print(f"  {rung}: " + ", ".join(f"{name} {psnr:.1f}" for name, psnr in scores.items()))
@@ -173,7 +159,7 @@ def train_ladder(
             for record in records
         ]
         for name, part in ranges.items():
-            fold = replace(run, minutes=None, fold=name)
+            fold = replace(run, minutes=None).part(name)
             models, spent = _train_both(part.train, representation, short, fold)
             trained = replace(folds[name], parameters=models[0], latents=models[1])
             for rung in dear:
@@ -245,7 +231,7 @@ def train_lstm(
         loss_of = _paper_loss if faithful else _latent_loss
         if not faithful:
             model.standardise(states)
-    return model, _train(model, states, source.observed, loss_of, kind, config, run)
+    return model, _train(model, states, source.observed, loss_of, config, run.part(kind))
 
 
 def _ranges(initial: Tensor) -> dict[str, list[float]]:
@@ -284,66 +270,21 @@ def _train(
     states: Tensor,
     observed: Tensor,
     loss_of: Callable[[Tensor, Tensor, Any], Tensor],
-    kind: Kind,
     config: NTMConfig,
     run: Run,
 ) -> dict[str, Any]:
-    """Train `model` to roll states[:, 0] out into `states` [N, T, D]; returns the run's record:
-    steps, iterations and seconds of a core.
-    """
-    name = f"{run.fold}.{kind}" if run.fold else kind
-    checkpoint = run.base.with_suffix(f".{name}.checkpoint.safetensors")
-    check_writable(checkpoint)
+    """Train `model` to roll states[:, 0] out into `states` [N, T, D]; the record of `train`."""
     g = torch.Generator().manual_seed(run.seed)
-    optimizer = torch.optim.Adam(model.parameters(), lr=config.learning_rate, betas=(0.9, 0.99))
     frames = states.shape[1]
 
-    def one_step() -> Tensor:
+    def loss(_: int) -> Tensor:
         rows = torch.randint(len(states), (min(config.batch, len(states)),), generator=g)
         mask = observed[rows, 1:, None]
-        loss = loss_of(model.rollout(states[rows, 0], frames), states[rows], model)[:, 1:]
-        value = (loss * mask).sum() / (mask.sum() * states.shape[2]).clamp_min(1)
-        optimizer.zero_grad()
-        value.backward()
-        nn.utils.clip_grad_norm_(model.parameters(), 1.0)
-        return value
+        missed = loss_of(model.rollout(states[rows, 0], frames), states[rows], model)[:, 1:]
+        return (missed * mask).sum() / (mask.sum() * states.shape[2]).clamp_min(1)
 
     settings = asdict(config)
     del settings["fold_share"]  # says nothing of this LSTM
-    made = {"seed": run.seed, "config": settings, "states": hash_tensors({"": states})}
-    record: dict[str, Any] = {"step": 0, "seconds": 0.0, "run": made}
-    record["iterations"] = config.iterations
-    if run.resume and checkpoint.exists():
-        record = load_checkpoint(
-            checkpoint, model=model, optimizer=optimizer, generator=g, fresh=record
-        )
-    elif run.minutes is not None:
-        one_step()
-        start = time.process_time()
-        for _ in range(5):
-            one_step()
-        record["iterations"] = max(1, int(run.minutes * 60 * 5 / (time.process_time() - start)))
-        g.manual_seed(run.seed)
-    saved = time.monotonic()
-    writer = None if run.log is None else open_log(run.log / name)
-    begun = time.process_time() - record["seconds"]
-    total = record["iterations"]
-    bar = tqdm(range(record["step"], total), initial=record["step"], total=total)
-    for step in bar:
-        rate = config.learning_rate * min(1.0, (step + 1) / config.warm_up)
-        rate *= 0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * step / total))
-        for group in optimizer.param_groups:
-            group["lr"] = rate
-        value = one_step()
-        optimizer.step()
-        if step % 50 == 0:
-            bar.set_postfix_str(f"{name} loss {value.item():.5f}", refresh=False)
-            if writer is not None:
-                writer.add_scalar("loss", value.item(), step)
-        if time.monotonic() - saved > run.save_every or step == total - 1:
-            saved = time.monotonic()
-            record |= {"step": step + 1, "seconds": time.process_time() - begun}
-            save_checkpoint(
-                checkpoint, model=model, optimizer=optimizer, generator=g, record=record
-            )
-    return record
+    made_from = {"config": settings, "states": hash_tensors({"": states})}
+    schedule = Schedule(config.learning_rate, config.warm_up)
+    return train(Training(model, loss, schedule, config.iterations, g, made_from), run)

@@ -20,6 +20,7 @@ from torch import Tensor
 from model_runtime.brdf.half_angle import cosines
 
 from ..evaluation.bench.kept import identity, keep, read_kept
+from ..loop import Schedule, optimise
 
 __all__ = ("Networks", "Training", "cached_fit", "fit")
 
@@ -96,22 +97,20 @@ def fit(angles: Tensor, f: Tensor, training: Training = Training()) -> Networks:
     g = torch.Generator().manual_seed(training.seed)
     layers = _initial(len(f), g)
     parameters = [tensor.requires_grad_() for layer in layers for tensor in layer]
-    optimizer = torch.optim.Adam(parameters, lr=training.learning_rate, fused=True)
+    optimizer = torch.optim.Adam(parameters, fused=True)
     cos_i = cosines(angles)[0].clamp_min(0)[:, None]
     target = torch.log1p(f.clamp_min(0) * cos_i)
     x = _inputs(angles)
-    start = time.process_time()
-    for step in range(training.iterations):
-        rate = 0.5 * (1 + math.cos(math.pi * step / training.iterations))
-        optimizer.param_groups[0]["lr"] = training.learning_rate * rate
+
+    def loss(_: int) -> Tensor:
         drawn = torch.randint(len(angles), (training.batch,), generator=g)
-        with torch.enable_grad():
-            estimate = torch.expm1(_logarithm(layers, x[drawn].expand(len(f), -1, -1)))
-            shaded = torch.log1p((estimate * cos_i[drawn]).clamp_min(-0.9))
-            loss = (shaded - target[:, drawn]).abs().sum(0).mean()
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
+        estimate = torch.expm1(_logarithm(layers, x[drawn].expand(len(f), -1, -1)))
+        shaded = torch.log1p((estimate * cos_i[drawn]).clamp_min(-0.9))
+        return (shaded - target[:, drawn]).abs().sum(0).mean()
+
+    schedule = Schedule(training.learning_rate, floor=0.0)
+    start, steps = time.process_time(), training.iterations
+    optimise(loss, optimizer, schedule, range(steps), steps)
     trained = tuple((weight.detach(), bias.detach()) for weight, bias in layers)
     return Networks(trained, time.process_time() - start)
 

@@ -17,7 +17,8 @@ from model_runtime.temporal.models import LatentLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...data.sequences import MixtureSequence, Sequence
-from ...ntm import NTMConfig, Run, train_ladder, train_lstm
+from ...loop import Run, remove_checkpoints
+from ...ntm import PARTS, NTMConfig, train_ladder, train_lstm
 from ...source.histories import SourceHistories, source_histories
 from ...source.onsets import timed
 from ...source.steadiness import steadied
@@ -98,7 +99,7 @@ class School:
             card = {"name": key, "title": key, "frames": ntm.frames, "representation": encoder}
             details = {**card, **ntm.card.details, "made_from": made_from, "source": "evaluation"}
             save_model(path, ntm.tensors(), details, kind="ntm")
-            _remove_checkpoints(run.base)
+            remove_checkpoints(run, PARTS)
         return NeuralTemporalModel.load(path, encoder)
 
     def rival(
@@ -121,7 +122,7 @@ class School:
             histories: SourceHistories = source_histories(few, representation)
             run = Run(self.kept / f"{path.stem}_{made_from[:8]}", resume=True)
             model, record = train_lstm("latents", histories, representation, effort.rival, run)
-            _remove_checkpoints(run.base)
+            remove_checkpoints(run, PARTS)
             return {**model.state_dict(), "minutes": torch.tensor(record["seconds"] / 60)}
 
         stored = _kept(path, made_from, train)
@@ -145,8 +146,3 @@ def _without_onset(source: Sequence | MixtureSequence) -> Sequence | MixtureSequ
     return (
         source if isinstance(source, MixtureSequence) else replace(source, onset=None, timing=None)
     )
-
-
-def _remove_checkpoints(base: Path) -> None:
-    for path in base.parent.glob(f"{base.name}.*"):
-        path.unlink()
