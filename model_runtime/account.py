@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import __version__
+from .contract import FRAMES, LIVE, AgeRequest, Format, option
 from .live.fitting import Fitted
 from .memory import peak_rss_mb
 from .modelling.compose import AgedTexels
 from .modelling.start import Start
-from .output.frames import Format
 from .output.savings import savings
-from .run import AgeRequest, Run
+from .run import Run
 
 __all__ = ("account_of",)
 
@@ -38,7 +38,7 @@ def account_of(
     request = run.request
     return {
         "format": format,
-        "binding": "frames" if live is None else "live",
+        "binding": FRAMES if live is None else LIVE,
         "coefficients": 0 if live is None else live.coefficients,
         "ntm": start.models.ntm.card.name,
         "frames": request.frames,
@@ -77,7 +77,7 @@ def command_line(request: AgeRequest) -> str:
     for item in dataclasses.fields(request):
         value = getattr(request, item.name)
         if value is True:
-            words.append(f"--{item.name}")
+            words.append(option(item.name))
         elif value is not None and value is not False:
-            words += [f"--{item.name.replace('_', '-')}", str(value)]
+            words += [option(item.name), str(value)]
     return shlex.join(words)

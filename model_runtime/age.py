@@ -17,6 +17,7 @@ from torch import Tensor
 from .account import account_of
 from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
+from .contract import AFFINE, AUTO, LIVE, PRINCIPLED, AgeRequest, Format
 from .errors import UsageError
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
@@ -26,9 +27,9 @@ from .modelling.aged import EFFORTS, Effort, model_texels
 from .modelling.compose import AgedTexels
 from .modelling.start import Start, read_start
 from .modelling.texels import authored_texels
-from .output.frames import Format, Frames, file_names, maps_of, write_frames, write_stored_frames
+from .output.frames import Frames, file_names, maps_of, write_frames, write_stored_frames
 from .output.stored import StagedResult, check_space
-from .run import AgeRequest, Reporter, Run
+from .run import Reporter, Run
 from .temporal.domain import FOREIGN_SHARE
 from .temporal.ntm import NeuralTemporalModel
 
@@ -74,7 +75,7 @@ def _one_thread() -> Iterator[None]:
 
 
 def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
-    run.progress("reading", 0.0)
+    run.progress("read", 0.0)
     device = _device(run.request.device)
     start = read_start(run)
     _require_room(run, start, staged, live=start.may_be_live)
@@ -87,7 +88,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
             effort=effort,
             onset=counted.onset,
             rate=counted.rate,
-            step=lambda share: run.progress("modelling the change", 0.05 + 0.35 * share),
+            step=lambda share: run.progress("model", 0.05 + 0.35 * share),
         )
     live = None
     if start.may_be_live:
@@ -96,7 +97,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
             _require_room(run, start, staged, live=False)
     times = np.linspace(0, 1, run.request.frames).tolist()
     with run.timed("write"):
-        run.progress("writing", 0.4)
+        run.progress("write", 0.4)
         format, files = _write(run, start, modelled, live, times, effort.interval, staged)
         staged.finish()
     account = account_of(
@@ -154,12 +155,12 @@ def _fit_live(
 ) -> Fitted | None:
     """The live material, or None where none is near enough; said where it was asked for."""
     with run.timed("fit"):
-        run.progress("finding what texels share", 0.4)
+        run.progress("fit", 0.4)
         authored = None
-        if start.format == "principled" and isinstance(start.material, PrincipledMaps):
+        if start.format == PRINCIPLED and isinstance(start.material, PrincipledMaps):
             authored = authored_texels(start.material, start.size, start.covered)
         live = fit_live(modelled, run.request.tolerance, truth_of, authored)
-    if live is None and run.request.binding == "live":
+    if live is None and run.request.binding == LIVE:
         run.warn(_NOT_LIVE)
     return live
 
@@ -194,7 +195,7 @@ def _write_frames(run: Run, frames: Frames, staged: StagedResult) -> dict[str, A
     request = run.request
 
     def step(fraction: float) -> None:
-        run.progress("writing", 0.4 + 0.6 * fraction)
+        run.progress("write", 0.4 + 0.6 * fraction)
 
     if request.sparse:
         return write_stored_frames(
@@ -205,10 +206,10 @@ def _write_frames(run: Run, frames: Frames, staged: StagedResult) -> dict[str, A
 
 def _rung(run: Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
     """The model of change to use: what was asked for, or what suits the material."""
-    if run.request.temporal_model != "auto":
+    if run.request.temporal_model != AUTO:
         return run.request.temporal_model
     rung, share = ntm.suited(initial)
-    if rung == "affine" and share > FOREIGN_SHARE:
+    if rung == AFFINE and share > FOREIGN_SHARE:
         run.warn(
             f"{share:.0%} of this material is unlike anything {ntm.card.title} was trained on; "
             "a plain affine change is used. Choose a temporal model yourself to override this."
@@ -223,7 +224,7 @@ def _device(wanted: str) -> torch.device:
     is no such device.
     """
     found = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    if wanted == "auto":
+    if wanted == AUTO:
         return torch.device("cuda" if found else "cpu")
     device = torch.device(wanted)
     if device.type == "cuda" and (device.index or 0) >= found:

@@ -14,9 +14,24 @@ from collections.abc import Sequence
 
 from . import serve
 from .console import Parser, Terminal, fill_closed_streams, flush, log_of, say, write_out
+from .contract import (
+    AUTO,
+    CHOICES,
+    CPU,
+    DEVICES,
+    EVERYWHERE,
+    IDLE_MINUTES,
+    IDLE_OPTION,
+    LIVE,
+    RANGES,
+    REPORT,
+    SERVE,
+    AgeRequest,
+    option,
+)
 from .errors import Cancelled, OutputError, TvbrdfError, UsageError
 from .memory import memory_in_words
-from .request import CHOICES, MOST_FRAMES, cards, load_age, option, request_from
+from .request import cards, load_age, request_from
 from .signals import EndedBySignal, EndingSignals
 
 __all__ = ("main",)
@@ -65,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="age | info | serve")
 
+    usual = AgeRequest
     age = commands.add_parser("age", help="age one material", allow_abbrev=False)
     age.add_argument(
         "--input",
@@ -75,17 +91,29 @@ def _parser() -> argparse.ArgumentParser:
     age.add_argument("--ntm", required=True, metavar="NAME_OR_FILE", help="neural temporal model")
     age.add_argument("--output", required=True, metavar="DIR", help="folder for the aged maps")
     age.add_argument(
-        "--frames", type=int, metavar="N", help=f"frames from t = 0 to 1, up to {MOST_FRAMES} (36)"
+        "--frames",
+        type=int,
+        metavar="N",
+        help=f"frames from t = 0 to 1, up to {RANGES['frames'][1]} ({usual.frames})",
     )
     age.add_argument("--size", type=int, metavar="PX", help="longer side (as the input)")
-    age.add_argument("--tolerance", type=float, metavar="DB", help="what may be left out (45)")
-    age.add_argument("--onset", metavar="auto|none|IMAGE", help="when each texel starts (auto)")
-    age.add_argument("--seed", type=int, metavar="N", help="seed of the onset pattern (0)")
-    age.add_argument("--device", metavar="auto|cpu|cuda|cuda:N", help="what computes (auto)")
+    age.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="DB",
+        help=f"what may be left out ({usual.tolerance:g})",
+    )
+    age.add_argument(
+        "--onset", metavar=f"{AUTO}|{EVERYWHERE}|IMAGE", help=f"when each texel starts ({AUTO})"
+    )
+    age.add_argument(
+        "--seed", type=int, metavar="N", help=f"seed of the onset pattern ({usual.seed})"
+    )
+    age.add_argument("--device", metavar=DEVICES, help=f"what computes ({usual.device})")
     for name, choices in CHOICES.items():
         age.add_argument(option(name), metavar="|".join(choices))
     age.add_argument("--sparse", action="store_true", help="store no frame that others make up")
-    age.add_argument("--json", action="store_true", help="print aged.json on stdout")
+    age.add_argument("--json", action="store_true", help=f"print {REPORT} on stdout")
     age.set_defaults(run=_age)
 
     info = commands.add_parser("info", help="list the models", allow_abbrev=False)
@@ -93,13 +121,13 @@ def _parser() -> argparse.ArgumentParser:
     info.add_argument("--json", action="store_true", help="print the cards as a JSON list")
     info.set_defaults(run=_info)
 
-    worker = commands.add_parser("serve", help="answer JSON requests, one a line, on stdin")
+    worker = commands.add_parser(SERVE, help="answer JSON requests, one a line, on stdin")
     worker.add_argument(
-        "--idle-minutes",
+        IDLE_OPTION,
         type=float,
-        default=serve.IDLE_MINUTES,
+        default=IDLE_MINUTES,
         metavar="M",
-        help=f"end after so long without a run ({serve.IDLE_MINUTES:g})",
+        help=f"end after so long without a run ({IDLE_MINUTES:g})",
     )
     worker.set_defaults(run=_serve)
     return parser
@@ -119,8 +147,8 @@ def _age(arguments: argparse.Namespace, ending: EndingSignals) -> None:
         return
     seconds = sum(aged["seconds"].values())
     height, width = aged["size"]
-    what = "A live material" if aged["binding"] == "live" else f"{aged['frames']} frames"
-    on = "" if aged["device"] == "cpu" else f" on {aged['device']}"
+    what = "A live material" if aged["binding"] == LIVE else f"{aged['frames']} frames"
+    on = "" if aged["device"] == CPU else f" on {aged['device']}"
     done = f"{what} of {width} x {height} in {seconds:.1f} s{on}: {arguments.output}"
     write_out("\n".join((*aged["plan"], done)), stdout)
 
@@ -136,9 +164,7 @@ def _info(arguments: argparse.Namespace, _ending: EndingSignals) -> None:
 
 def _serve(arguments: argparse.Namespace, _ending: EndingSignals) -> None:
     if not 0 < arguments.idle_minutes <= _MOST_IDLE_MINUTES:
-        raise UsageError(
-            f"--idle-minutes must be more than 0 and at most {_MOST_IDLE_MINUTES:.0f}."
-        )
+        raise UsageError(f"{IDLE_OPTION} must be more than 0 and at most {_MOST_IDLE_MINUTES:.0f}.")
     try:
         serve.serve(idle_seconds=arguments.idle_minutes * 60)
     except EndedBySignal as end:

@@ -3,47 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .contract import AUTO, CHOICES, DEVICES, MOST_DB, RANGES, AgeRequest, is_device, option
 from .errors import ModelFileError, TvbrdfError, UsageError, reason, shown
 from .memory import check_limits, memory_in_words
 from .model_files import weights
 
-if TYPE_CHECKING:
-    from .age import AgeRequest
-
-__all__ = (
-    "CHOICES",
-    "MOST_FRAMES",
-    "MissingLibraryError",
-    "cards",
-    "load_age",
-    "option",
-    "request_from",
-)
-
-CHOICES: Mapping[str, tuple[str, ...]] = {
-    "quality": ("draft", "balanced", "exact"),
-    "temporal_model": ("auto", "constant", "affine", "lstm_parameters", "lstm_latents"),
-    "specular": ("rgb", "mono"),
-    "format": ("torrance-sparrow", "principled", "principled-exact"),
-    "binding": ("auto", "live", "frames"),
-}
-
-
-MOST_FRAMES = 9999
-"""Files are numbered with four digits."""
-
-_RANGES = {"frames": (1, MOST_FRAMES), "size": (1, 16_384), "seed": (0, 2**63 - 1)}
-"""What whole numbers may be: a size as images may have."""
-
-_MOST_DB = 1000
-_DEVICE = re.compile(r"auto|cpu|cuda(:\d{1,3})?")
+__all__ = ("MissingLibraryError", "cards", "load_age", "request_from")
 
 
 class MissingLibraryError(TvbrdfError):
@@ -78,8 +49,6 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     Raises:
         UsageError: a field is missing, unknown, of the wrong kind or out of range.
     """
-    from .age import AgeRequest
-
     given: dict[str, Any] = {name: value for name, value in fields.items() if value is not None}
     known = {field.name for field in dataclasses.fields(AgeRequest)}
     if unknown := sorted(given.keys() - known):
@@ -98,20 +67,21 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
                 f"{option(name)} cannot be {shown(given[name])}.",
                 f"Choose one of {', '.join(choices)}.",
             )
-    for name, (least, most) in _RANGES.items():
+    for name, (least, most) in RANGES.items():
         if name in given and not (type(given[name]) is int and least <= given[name] <= most):
             raise UsageError(f"{option(name)} must be a whole number from {least} to {most}.")
-    if not _DEVICE.fullmatch(given.get("device", "auto")):
+    if not is_device(given.get("device", AUTO)):
         raise UsageError(
-            f"--device cannot be {shown(given['device'])}.", "Choose auto, cpu, cuda or cuda:N."
+            f"{option('device')} cannot be {shown(given['device'])}.",
+            f"Choose one of {DEVICES.replace('|', ', ')}.",
         )
     if type(given.get("sparse", False)) is not bool:
         raise UsageError("The setting sparse must be true or false.")
     if "tolerance" in given:
         value = given["tolerance"]
-        if type(value) not in (int, float) or not 0 < value <= _MOST_DB:
+        if type(value) not in (int, float) or not 0 < value <= MOST_DB:
             raise UsageError(
-                f"{option('tolerance')} must be a positive number of dB, at most {_MOST_DB}.",
+                f"{option('tolerance')} must be a positive number of dB, at most {MOST_DB}.",
                 "Quality exact leaves nothing out.",
             )
         given["tolerance"] = float(value)
@@ -140,8 +110,3 @@ def cards(
         }
         for card in found
     ]
-
-
-def option(name: str) -> str:
-    """The command line's name of a field of `AgeRequest`."""
-    return "--" + name.replace("_", "-")

@@ -25,14 +25,13 @@ from collections.abc import Callable, Mapping
 from typing import Any, BinaryIO, TextIO
 
 from . import __version__
+from .contract import PROTOCOL
 from .errors import Cancelled, TvbrdfError, UsageError, reason, shown
 from .memory import memory_in_words
 from .request import MissingLibraryError, cards, load_age, request_from
 
-__all__ = ("IDLE_MINUTES", "PROTOCOL", "Server", "claim_stdout", "serve")
+__all__ = ("Server", "claim_stdout", "serve")
 
-PROTOCOL = 1
-IDLE_MINUTES = 10.0
 
 # How long a run may take to notice that stdin has closed before the process ends under it.
 GRACE_SECONDS = 20.0

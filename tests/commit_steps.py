@@ -23,6 +23,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from model_runtime.contract import REPORT, staging_places
 from model_runtime.output import commit, staging
 
 OPERATIONS = ("os.", "fcntl.", "open")
@@ -36,7 +37,7 @@ def fill(staged: Path, value: str, frames: int) -> list[str]:
     for name in names:
         (staged / name).write_text(value)
     report = {"value": value, "files": {"kd": names}}
-    (staged / commit.REPORT).write_text(json.dumps(report))
+    (staged / REPORT).write_text(json.dumps(report))
     return names
 
 
@@ -67,7 +68,7 @@ def attempt(what: str, at: int, folder: Path, place: str, value: str, frames: in
             commit.recover(folder)
         else:
             if place == "within":
-                staging.places = lambda *given: (commit.places(*given)[1],) * 2
+                staging.staging_places = lambda *given: (staging_places(*given)[1],) * 2
             with staging.staging(folder) as staged:
                 names = fill(staged, value, frames)
                 operations = hinder(what, at)

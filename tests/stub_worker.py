@@ -10,42 +10,38 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import shutil
 import struct
 import sys
-import tempfile
 import time
 import types
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 # The worker is started in the folder that holds model_runtime.
 sys.path.insert(0, str(Path.cwd()))
 
 from model_runtime.cli import main
+from model_runtime.contract import (
+    AFFINE,
+    CPU,
+    CURVES,
+    FRAMES,
+    LIVE,
+    PRINCIPLED,
+    REPORT,
+    STAGES,
+    TIMING,
+    AgeRequest,
+    coefficients_file,
+    frame_file,
+    option,
+    staging_places,
+)
 from model_runtime.errors import Cancelled, InputError
 
 SIDE = 16
-
-
-@dataclass(frozen=True)
-class AgeRequest:
-    input: Path
-    ntm: str
-    output: Path
-    frames: int = 36
-    size: int | None = None
-    quality: str = "balanced"
-    tolerance: float = 45.0
-    temporal_model: str = "auto"
-    onset: str = "auto"
-    specular: str = "rgb"
-    format: str | None = None
-    binding: str = "frames"
-    sparse: bool = False
-    seed: int = 0
-    device: str = "auto"
 
 
 def age(request: AgeRequest, reporter: object) -> dict:
@@ -57,10 +53,10 @@ def age(request: AgeRequest, reporter: object) -> dict:
         os.write(1, b"and this, from C\n")
     seconds = float(os.environ.get("TVBRDF_STUB_SECONDS", "0.2"))
     request.output.parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".{request.output.name}.partial-"
-    beside = Path(tempfile.mkdtemp(prefix=prefix, dir=request.output.parent))
+    beside, _ = staging_places(request.output, secrets.token_hex(4))
+    beside.mkdir()
     reporter.warning("The stub paints flat colours.")
-    live = request.binding == "live"
+    live = request.binding == LIVE
     files = _live(beside) if live else {}
     for frame in range(1, request.frames + 1):
         if reporter.cancelled():
@@ -69,19 +65,20 @@ def age(request: AgeRequest, reporter: object) -> dict:
         time.sleep(seconds / request.frames)
         t = (frame - 1) / max(request.frames - 1, 1)
         if not live:
-            _write_frame(beside, files, frame, t)
-        reporter.progress("modelling the change" if t < 0.5 else "writing", frame / request.frames)
+            _write_frame(beside, files, frame - 1, t)
+        stage = STAGES["model" if t < 0.5 else "write"]
+        reporter.progress(stage, frame / request.frames)
     aged = {
-        "format": "principled",
-        "binding": "live" if live else "frames",
+        "format": PRINCIPLED,
+        "binding": LIVE if live else FRAMES,
         "coefficients": int(live),
         "ntm": request.ntm,
         "frames": request.frames,
         "times": [k / max(request.frames - 1, 1) for k in range(request.frames)],
         "size": [SIDE, SIDE],
         "quality": request.quality,
-        "temporal_model": "affine",
-        "device": "cpu",
+        "temporal_model": AFFINE,
+        "device": CPU,
         "palette": 3,
         "plan": [f"Modelled 3 distinct BRDFs instead of {SIDE * SIDE}."],
         "fit_error": 0.0,
@@ -89,15 +86,15 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "seconds": {"rollout": seconds},
         "peak_rss_mb": 10,
         "files": files,
-        "command": f"python -m model_runtime age --temporal-model {request.temporal_model}",
+        "command": " ".join(("age", option("temporal_model"), request.temporal_model)),
     }
-    (beside / "aged.json").write_text(json.dumps(aged))
+    (beside / REPORT).write_text(json.dumps(aged))
     shutil.rmtree(request.output, ignore_errors=True)
     beside.rename(request.output)
     return aged
 
 
-def _write_frame(folder: Path, files: dict[str, list[str]], frame: int, t: float) -> None:
+def _write_frame(folder: Path, files: dict[str, list[str]], k: int, t: float) -> None:
     pixels = {
         "base_color": (0.6 - 0.3 * t, 0.6 - 0.5 * t, 0.6 - 0.55 * t),
         "metallic": (1.0 - t,),
@@ -105,7 +102,7 @@ def _write_frame(folder: Path, files: dict[str, list[str]], frame: int, t: float
         "roughness": (0.3 + 0.6 * t,),
     }
     for name, values in pixels.items():
-        file = f"{name}_{frame:04d}.exr"
+        file = frame_file(name, k)
         files.setdefault(name, []).append(file)
         write_exr(folder / file, [[values] * SIDE] * SIDE)
 
@@ -114,14 +111,10 @@ def _live(folder: Path) -> dict[str, object]:
     """Everything darkens to half of what it was, everywhere at once, and a little by one shape."""
     gain, nothing = [(1.0,) * 3, (0.5,) * 3], [(0.0,) * 3] * 2
     shape = [(0.0,) * 3, (0.1,) * 3]
-    write_exr(folder / "curves.exr", [gain] * 3 + [nothing] * 3 + [shape] * 3)
-    write_exr(folder / "timing.exr", [[(0.0, 1.0, 0.0)] * SIDE] * SIDE)
-    write_exr(folder / "coefficients_0.exr", [[(0.2, 0.0, 0.0)] * SIDE] * SIDE)
-    return {
-        "curves": "curves.exr",
-        "timing": "timing.exr",
-        "coefficients": ["coefficients_0.exr"],
-    }
+    write_exr(folder / CURVES, [gain] * 3 + [nothing] * 3 + [shape] * 3)
+    write_exr(folder / TIMING, [[(0.0, 1.0, 0.0)] * SIDE] * SIDE)
+    write_exr(folder / coefficients_file(0), [[(0.2, 0.0, 0.0)] * SIDE] * SIDE)
+    return {"curves": CURVES, "timing": TIMING, "coefficients": [coefficients_file(0)]}
 
 
 def write_exr(path: Path, rows: list[list[tuple[float, ...]]]) -> None:
@@ -162,7 +155,7 @@ def write_exr(path: Path, rows: list[list[tuple[float, ...]]]) -> None:
 def stand_in(ages: Callable[..., dict]) -> None:
     """Let this process's worker age by `ages`."""
     module = types.ModuleType("model_runtime.age")
-    module.AgeRequest, module.age = AgeRequest, ages
+    module.age = ages
     sys.modules["model_runtime.age"] = module
 
 

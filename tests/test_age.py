@@ -22,12 +22,12 @@ import pytest
 
 from model_runtime import __version__, cli
 from model_runtime.age import AgeRequest
+from model_runtime.contract import LADDER
 from model_runtime.errors import Cancelled, InputError, ModelFileError, OutputError
 from model_runtime.images import read_image
 from model_runtime.model_files.weights import ENCODER, ESTIMATOR, find_model
 from model_runtime.output import stored
 from model_runtime.request import request_from
-from model_runtime.temporal.ntm import LADDER
 from tests.ageing import (
     PRINCIPLED,
     TORRANCE_SPARROW,

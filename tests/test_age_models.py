@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from model_runtime.brdf import merl
+from model_runtime.contract import LADDER
 from model_runtime.errors import InputError
 from model_runtime.images import read_image, write_exr
 from model_runtime.model_files.weights import ModelCard, save_model
@@ -19,7 +20,7 @@ from model_runtime.output import stored
 from model_runtime.representation import load_representation
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
-from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.temporal.ntm import NeuralTemporalModel
 from model_runtime.temporal.pace import Timing
 from tests.ageing import (
     COLOURS,

@@ -20,9 +20,10 @@ from pathlib import Path
 
 import pytest
 
+from model_runtime.contract import REPORT, staging_places
 from model_runtime.errors import OutputError
 from model_runtime.output import commit, holding, staging
-from model_runtime.output.commit import REPORT, recover
+from model_runtime.output.commit import recover
 from tests.commit_steps import COMPLETE, FAILED, HINDERED, UNEXPECTED
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -278,7 +279,7 @@ class TestHeld:
             raise OSError(errno.ENOLCK, "No locks available")
 
         earlier(folder)
-        living = commit.places(folder, "living__")[0]
+        living = staging_places(folder, "living__")[0]
         living.mkdir()
         for module in (commit, holding, staging):
             monkeypatch.setattr(module, "hold", refuse)
@@ -296,7 +297,7 @@ class TestHeld:
         for module in (commit, holding):
             monkeypatch.setattr(module, "sys", types.SimpleNamespace(platform="win32"))
         earlier(folder)
-        living, dead = (commit.places(folder, token)[0] for token in ("living__", "dead____"))
+        living, dead = (staging_places(folder, token)[0] for token in ("living__", "dead____"))
         living.mkdir()
         dead.mkdir()
         (dead / ".aged.lock").touch()
@@ -313,7 +314,7 @@ class TestHeld:
 
 def test_a_clock_that_is_wrong_sweeps_no_living_run(folder: Path):
     """A staging folder is as old as its owner, whatever its date says."""
-    living = commit.places(folder, "living__")[0]
+    living = staging_places(folder, "living__")[0]
     living.mkdir()
     held = holding.hold(living)
     yesterday = time.time() - 30 * 24 * 3600
@@ -328,7 +329,7 @@ def test_a_clock_that_is_wrong_sweeps_no_living_run(folder: Path):
 @posix
 def test_what_is_swept_is_held_until_it_is_gone(folder: Path, monkeypatch: pytest.MonkeyPatch):
     """Or a run that has just made its staging folder could take hold of it, and lose it."""
-    left, _ = commit.places(folder, "0" * 8)
+    left, _ = staging_places(folder, "0" * 8)
     left.mkdir(parents=True)
     remove, swept = shutil.rmtree, []
 

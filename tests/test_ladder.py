@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 import torch
 
+from model_runtime.contract import LADDER
 from model_runtime.model_files.weights import ModelCard
 from model_runtime.representation import build
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
-from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.temporal.ntm import NeuralTemporalModel
 from training.data.sequences import MixtureSequence
 from training.evaluation.synthesis.cases import mixed_weights
 from training.ladder import (

@@ -12,13 +12,14 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 
+from model_runtime.contract import LADDER
 from model_runtime.errors import InputError, ModelFileError, OutputError, UsageError
 from model_runtime.images import write_exr
 from model_runtime.maps import TorranceSparrowMaps
 from model_runtime.model_files.weights import ENCODER, read_card
 from model_runtime.representation import load_representation
 from model_runtime.temporal.models import Affine
-from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.temporal.ntm import NeuralTemporalModel
 from tests.ageing import run, write_torrance_sparrow
 from tests.trainings import equal, kill_at
 from training import loop, ntm

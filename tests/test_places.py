@@ -14,8 +14,9 @@ from pathlib import Path
 
 import pytest
 
+from model_runtime.contract import REPORT
 from model_runtime.errors import OutputError
-from model_runtime.output.stored import REPORT, StagedResult, check_space
+from model_runtime.output.stored import StagedResult, check_space
 from tests.test_result import GREY, contents, leftovers, names, write
 
 

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from model_runtime.contract import REPORT
 from model_runtime.errors import OutputError
 from model_runtime.images import read_image
 from model_runtime.output import stored
-from model_runtime.output.stored import REPORT, StagedResult, check_space
+from model_runtime.output.stored import StagedResult, check_space
 
 GREY = np.full((4, 4), 0.5, np.float32)
 

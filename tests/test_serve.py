@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from tests.stub_worker import AgeRequest
+from model_runtime.contract import AgeRequest
 
 ROOT = Path(__file__).resolve().parents[1]
 STUB = Path(__file__).with_name("stub_worker.py")

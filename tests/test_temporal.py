@@ -13,11 +13,12 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from model_runtime.contract import LADDER
 from model_runtime.errors import ModelFileError
 from model_runtime.model_files.weights import save_model
 from model_runtime.temporal.domain import MOST_CENTRES, Domain
 from model_runtime.temporal.models import Affine, Constant, LatentLSTM, ParameterLSTM
-from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.temporal.ntm import NeuralTemporalModel
 from model_runtime.temporal.pace import Timing
 from tests.random_histories import histories_of, random_maps
 from training.data.synthetic import s1, s2

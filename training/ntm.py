@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.atomic import check_writable
+from model_runtime.contract import LADDER
 from model_runtime.errors import UsageError, reason, shown
 from model_runtime.model_files.card import ModelCard, check_card
 from model_runtime.model_files.weights import hash_tensors, read_card, save_model
@@ -19,7 +20,7 @@ from model_runtime.representation.latents import Representation, inverse_log_tra
 from model_runtime.representation.paper import PaperRepresentation
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
-from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from .data.sequences import read_sequence
 from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel

@@ -16,8 +16,8 @@ from pathlib import Path
 import bpy
 
 from ..model_runtime.console import Parser
+from ..model_runtime.contract import RANGES
 from ..model_runtime.model_files import weights
-from ..model_runtime.request import MOST_FRAMES
 from . import preferences, properties, session
 from .errors import SettingsError
 from .interrupt import Interrupts
@@ -215,7 +215,7 @@ def _parser() -> argparse.ArgumentParser:
         "--frames", type=_frames, required=True, metavar="A-B", help="the scene's range to age over"
     )
     parser.add_argument(
-        "--steps", type=_whole(2, MOST_FRAMES), metavar="N", help="frames to model (36)"
+        "--steps", type=_whole(2, RANGES["frames"][1]), metavar="N", help="frames to model (36)"
     )
     parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
     parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")

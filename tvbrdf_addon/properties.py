@@ -7,8 +7,8 @@ from typing import Literal, TypeAlias
 
 import bpy
 
+from ..model_runtime.contract import RANGES
 from ..model_runtime.model_files import weights
-from ..model_runtime.request import MOST_FRAMES
 from . import preferences
 from .known import scene_of
 from .material.binding.retime import retime
@@ -171,7 +171,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Stages of ageing that are computed and stored; spread over the frame range",
         default=36,
         min=2,  # one would be the material as it is
-        max=MOST_FRAMES,
+        max=RANGES["frames"][1],
         soft_max=250,
     )
     use_camera_size: bpy.props.BoolProperty(

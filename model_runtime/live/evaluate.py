@@ -11,10 +11,7 @@ import numpy as np
 
 from ..maps import Pixels
 
-__all__ = ("COEFFICIENTS_A_FILE", "ROUGHNESS_MIN", "Curves", "LiveMaps")
-
-COEFFICIENTS_A_FILE = 3
-"""Coefficients that share an image, one in each of its colors."""
+__all__ = ("ROUGHNESS_MIN", "Curves", "LiveMaps")
 
 ROUGHNESS_MIN = 0.01
 """The square root of the smallest alpha."""

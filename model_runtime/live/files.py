@@ -16,18 +16,24 @@ import torch
 from torch import Tensor
 
 from ..brdf.principled import EXACT_F0
+from ..contract import (
+    COEFFICIENTS_A_FILE,
+    CURVES,
+    PRINCIPLED_EXACT,
+    REPORT,
+    TIMING,
+    TORRANCE_SPARROW,
+    Format,
+    coefficients_file,
+)
 from ..images import read_image
 from ..maps import Halves
 from ..modelling.compose import AgedTexels
-from ..output.frames import Format
-from ..output.stored import REPORT, StagedResult
-from .evaluate import COEFFICIENTS_A_FILE, Curves, LiveMaps
+from ..output.stored import StagedResult
+from .evaluate import Curves, LiveMaps
 from .low_rank import MOST_COEFFICIENTS, LowRank
 
-__all__ = ("CURVES", "TIMING", "live_names", "read_live", "write_live")
-
-CURVES = "curves.exr"
-TIMING = "timing.exr"
+__all__ = ("live_names", "read_live", "write_live")
 
 _BAND = 1 << 15  # texels worked on at a time: what they need stays in the cache
 _HISTORIES = 1 << 12  # likewise, with all ages
@@ -37,11 +43,11 @@ _NEAR = 0.25  # of reflectance: texels differ by less from their entry
 
 def live_names() -> list[str]:
     """Every file that a live material may have."""
-    return [TIMING, CURVES, *map(_coefficients, range(MOST_COEFFICIENTS // COEFFICIENTS_A_FILE))]
-
-
-def _coefficients(number: int) -> str:
-    return f"coefficients_{number}.exr"
+    return [
+        TIMING,
+        CURVES,
+        *map(coefficients_file, range(MOST_COEFFICIENTS // COEFFICIENTS_A_FILE)),
+    ]
 
 
 def write_live(
@@ -70,11 +76,11 @@ def write_live(
         coefficients[:, band] = (found_here * _FINEST).round().div(_FINEST).T
     files["coefficients"] = []
     for first in range(0, len(coefficients), COEFFICIENTS_A_FILE):
-        files["coefficients"].append(_coefficients(first // COEFFICIENTS_A_FILE))
+        files["coefficients"].append(coefficients_file(first // COEFFICIENTS_A_FILE))
         some = _image(coefficients[first : first + COEFFICIENTS_A_FILE], size)
         staged.write(files["coefficients"][-1], some, compression="zip")
-    if format == "principled-exact" and not _representable(found, aged):
-        format = "torrance-sparrow"
+    if format == PRINCIPLED_EXACT and not _representable(found, aged):
+        format = TORRANCE_SPARROW
     return format, files
 
 

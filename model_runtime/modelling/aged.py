@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
 
 from ..brdf.fit import USUAL, FitEffort
 from ..brdf.measured import MeasuredBRDF
+from ..contract import BALANCED, CONSTANT, DRAFT, EXACT, LSTM_LATENTS, Quality, Specular
 from ..images import Compression
 from ..representation.estimator import ParameterEstimator
 from ..representation.latents import Representation
@@ -49,10 +49,10 @@ class Effort:
     compression: Compression = "zip"
 
 
-EFFORTS = {
-    "draft": Effort(step=0.12, most=256, checked=False, interval=3, compression="none"),
-    "balanced": Effort(),
-    "exact": Effort(step=0.0, most=0, checked=False, samples=16_200, fit=USUAL),
+EFFORTS: Mapping[Quality, Effort] = {
+    DRAFT: Effort(step=0.12, most=256, checked=False, interval=3, compression="none"),
+    BALANCED: Effort(),
+    EXACT: Effort(step=0.0, most=0, checked=False, samples=16_200, fit=USUAL),
 }
 """What each quality (docs/design.md, command line) means."""
 
@@ -68,7 +68,7 @@ def model_texels(
     onset: Tensor | None = None,
     rate: Tensor | None = None,
     tolerance: float = math.inf,
-    specular: Literal["rgb", "mono"] = "rgb",
+    specular: Specular = "rgb",
     measured: MeasuredBRDF | None = None,
     device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
@@ -86,7 +86,7 @@ def model_texels(
     device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it.
     `step` hears which share of a palette is done.
     """
-    gain = torch.ones_like(ntm.affine.gain) if rung == "constant" else ntm.affine.gain
+    gain = torch.ones_like(ntm.affine.gain) if rung == CONSTANT else ntm.affine.gain
 
     fitted = effort.fit or USUAL
     quick = fitted if effort.fit or estimator is None else estimator
@@ -145,7 +145,7 @@ def model_texels(
     def reached() -> float:
         return psnr_of(Palette(palette.entries, palette.index[rows]), histories)
 
-    asked = rung == "lstm_latents" and isinstance(quick, ParameterEstimator)
+    asked = rung == LSTM_LATENTS and isinstance(quick, ParameterEstimator)
     if asked and psnr_of(own, modelled(own, quick)) < tolerance:
         quick = fitted
         histories = modelled(palette, quick)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
@@ -13,6 +12,7 @@ from torch import Tensor
 from ..brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.torrance_sparrow import evaluate
+from ..contract import LSTM_LATENTS, Specular
 from ..errors import InputError, ModelFileError, shown
 from ..maps import HALF_MAX
 from ..representation.estimator import ParameterEstimator
@@ -43,7 +43,7 @@ class Histories:
     device: str = "cpu"
 
 
-def fit_measured(brdf: MeasuredBRDF, specular: Literal["rgb", "mono"]) -> tuple[Tensor, float]:
+def fit_measured(brdf: MeasuredBRDF, specular: Specular) -> tuple[Tensor, float]:
     """Torrance-Sparrow parameters [1, 7] of a measured BRDF and the relative RMS error of the
     fit. Raises InputError where they are beyond what maps hold.
     """
@@ -65,7 +65,7 @@ def roll_out(
     *,
     samples: int | None = None,
     fit: FitEffort | ParameterEstimator = USUAL,
-    specular: Literal["rgb", "mono"] = "rgb",
+    specular: Specular = "rgb",
     measured: MeasuredBRDF | None = None,
     device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
@@ -81,7 +81,7 @@ def roll_out(
     than those of `representation`.
     """
     model, decoder = ntm.rung(rung), representation
-    if rung != "lstm_latents":
+    if rung != LSTM_LATENTS:
         device = CPU
     if device != CPU:
         model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation)
@@ -92,7 +92,7 @@ def roll_out(
     parts, errors = [], [0.0]
     for start, stop in _chunks(len(entries)):
         chunk = entries[start:stop]
-        if rung == "lstm_latents":
+        if rung == LSTM_LATENTS:
             latents = _encode(chunk, representation, samples, measured).to(device)
             if ntm.latents.sizes != representation.latent_sizes:
                 raise _unusable(ntm, "rolls out latents of another encoder")
@@ -164,7 +164,7 @@ def _decode_and_fit(
     latents: Latents,
     flat: Tensor,
     representation: Representation,
-    specular: Literal["rgb", "mono"],
+    specular: Specular,
     fit: FitEffort | ParameterEstimator,
 ) -> tuple[Tensor, Tensor]:
     """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error [] of the

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..brdf.measured import MeasuredBRDF
+from ..contract import FRAMES, PRINCIPLED, TORRANCE_SPARROW, Format
 from ..errors import InputError
 from ..maps import PrincipledMaps
 from ..model_files.weights import ENCODER, ESTIMATOR, find_model
-from ..output.frames import Format
 from ..reading.inputs import Material, hash_file, hash_input, input_files, read_covered, read_input
 from ..representation import load_representation
 from ..representation.estimator import ParameterEstimator, load_estimator
@@ -81,7 +81,7 @@ def read_start(run: Run) -> Start:
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], 7)
-    own = "principled" if isinstance(material, PrincipledMaps) else "torrance-sparrow"
+    own = PRINCIPLED if isinstance(material, PrincipledMaps) else TORRANCE_SPARROW
     return Start(
         models,
         material,
@@ -89,7 +89,7 @@ def read_start(run: Run) -> Start:
         Texels.of(initial, onset, rate),
         covered,
         format=request.format or own,
-        may_be_live=request.binding != "frames" and size != (1, 1),
+        may_be_live=request.binding != FRAMES and size != (1, 1),
         fit_error=fit_error,
         hashes=hashes,
     )

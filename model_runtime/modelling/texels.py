@@ -13,12 +13,12 @@ from torch import Tensor
 
 from ..brdf import principled
 from ..brdf.measured import MeasuredBRDF
+from ..contract import AUTO, EVERYWHERE, AgeRequest
 from ..errors import InputError, shown
 from ..images import read_image, resize
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 from ..reading.coverage import nearest_covered
 from ..reading.inputs import Material
-from ..run import AgeRequest
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
 from .compose import AgedTexels
@@ -101,9 +101,9 @@ def timing_maps(
     """
     timing, process, seed = ntm.timing, ntm.card.process, request.seed
     at_once = timing is not None and timing.at_once
-    if request.onset == "none" or (request.onset == "auto" and at_once):
+    if request.onset == EVERYWHERE or (request.onset == AUTO and at_once):
         return None, None
-    if request.onset == "auto":
+    if request.onset == AUTO:
         side = request.size or _UNIFORM_SIZE
         shape = (side, side) if size == (1, 1) else size
         with ThreadPoolExecutor(1) as beside:

@@ -22,7 +22,6 @@ import errno
 import glob
 import json
 import os
-import re
 import shutil
 import stat
 import sys
@@ -30,26 +29,15 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from ..contract import EARLIER, REPORT, is_result_file, staging_places
 from ..errors import OutputError, shown
 from ..signals import undisturbed
 from .holding import held, hold, let_go
 
-__all__ = ("REPORT", "clear", "commit", "is_free", "places", "recover", "require_free")
+__all__ = ("clear", "commit", "is_free", "recover", "require_free")
 
-REPORT = "aged.json"
-
-_EARLIER = ".aged.earlier"
-_OURS = re.compile(r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.exr|timing\.exr|curves\.exr")
 _MOST_REPORTED = 1 << 26  # bytes
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
-
-
-def places(folder: Path, token: str) -> tuple[Path, Path]:
-    """Where a result for `folder` may be staged: beside it, or within; `token` has 8 characters."""
-    return (
-        folder.parent / f".{folder.name}.partial-{token}",
-        folder / f".aged.partial-{token}",
-    )
 
 
 def is_free(folder: Path) -> bool:
@@ -144,8 +132,8 @@ def _exchanged(staging: Path, folder: Path, new: set[str], old: set[str]) -> boo
             os.link(folder / name, staging / name, follow_symlinks=False)
         for name in there & old:
             # What must not be linked must not be removed either: its owner has locked it.
-            os.link(folder / name, staging / _EARLIER, follow_symlinks=False)
-            (staging / _EARLIER).unlink()
+            os.link(folder / name, staging / EARLIER, follow_symlinks=False)
+            (staging / EARLIER).unlink()
         shutil.copystat(folder, staging)
         os.utime(staging)
         _exchange(staging, folder)
@@ -169,7 +157,7 @@ def _exchange(one: Path, other: Path) -> None:
 
 
 def _move(staging: Path, folder: Path, names: Collection[str], earlier: Collection[str]) -> None:
-    aside = staging / _EARLIER
+    aside = staging / EARLIER
     aside.mkdir()
     try:
         for name in earlier:
@@ -184,7 +172,7 @@ def _move(staging: Path, folder: Path, names: Collection[str], earlier: Collecti
 
 def _is_unfinished(staging: Path) -> bool:
     """Whether a commit by moving has begun and its last step, the report's, is not done."""
-    return (staging / _EARLIER).is_dir() and (staging / REPORT).exists()
+    return (staging / EARLIER).is_dir() and (staging / REPORT).exists()
 
 
 def _put_back(staging: Path, folder: Path) -> None:
@@ -192,7 +180,7 @@ def _put_back(staging: Path, folder: Path) -> None:
     for name in _reported(staging) or ():
         if not os.path.lexists(staging / name) and os.path.lexists(folder / name):
             (folder / name).rename(staging / name)
-    aside = staging / _EARLIER
+    aside = staging / EARLIER
     for name in _names(aside):
         (aside / name).replace(folder / name)
     aside.rmdir()
@@ -217,7 +205,7 @@ def _recover(folder: Path) -> None:
 
 
 def _stagings(folder: Path) -> Iterator[Path]:
-    for place in places(folder, ""):
+    for place in staging_places(folder, ""):
         for found in place.parent.glob(f"{glob.escape(place.name)}????????"):
             if _is_folder(found):
                 yield found
@@ -232,7 +220,7 @@ def _reported(folder: Path) -> set[str] | None:
         if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_REPORTED:
             return None
         files = json.loads((folder / REPORT).read_text(encoding="utf-8"))["files"]
-        return {name for name in _texts([*files.values()]) if _OURS.fullmatch(name)}
+        return {name for name in _texts([*files.values()]) if is_result_file(name)}
     except (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
 

@@ -6,7 +6,6 @@ import bisect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 import torch
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..brdf import principled
+from ..contract import FORMATS, PRINCIPLED, PRINCIPLED_EXACT, TORRANCE_SPARROW, Format, frame_file
 from ..maps import Halves, Pixels, PrincipledMaps, TorranceSparrowMaps
 from ..modelling.compose import AgedBand, AgedTexels
 from ..modelling.palette import Stored, stored_frames
@@ -21,7 +21,6 @@ from ..reading.inputs import Material
 from .stored import StagedResult
 
 __all__ = (
-    "Format",
     "FrameMaps",
     "Frames",
     "file_names",
@@ -30,18 +29,11 @@ __all__ = (
     "write_stored_frames",
 )
 
-Format = Literal["torrance-sparrow", "principled", "principled-exact"]
 Mix = list[list[str | float]]
 
 _SAMPLE = 4096
 _BAND = 1 << 15
 """Texels aged at a time, in whole rows of the image: what they need stays in the cache."""
-
-_CHANNELS: dict[Format, dict[str, int]] = {
-    "torrance-sparrow": {"kd": 3, "ks": 3, "alpha": 1},
-    "principled": {"base_color": 3, "metallic": 1, "specular": 1, "roughness": 1},
-    "principled-exact": {"base_color": 3, "specular_tint": 3, "roughness": 1},
-}
 
 
 @dataclass(frozen=True)
@@ -87,7 +79,7 @@ class FrameMaps:
     def named(self, planes: Tensor) -> dict[str, Halves]:
         """Views of `planes` as maps: name -> [H, W, 3] or [H, W]."""
         maps, start = {}, 0
-        for name, channels in _CHANNELS[self.format].items():
+        for name, channels in FORMATS[self.format].items():
             pixels = planes[start : start + channels].numpy().reshape(channels, *self.size)
             maps[name] = pixels[0] if channels == 1 else np.moveaxis(pixels, 0, -1)
             start += channels
@@ -143,7 +135,7 @@ class FrameMaps:
     @cached_property
     def _first(self) -> Tensor:
         """Frame 1: every channel of every map, one after the other, [C, H W] halves."""
-        channels = sum(_CHANNELS[self.format].values())
+        channels = sum(FORMATS[self.format].values())
         planes = torch.empty(channels, self.size[0] * self.size[1], dtype=torch.half)
         for band in self._bands:
             self._fill(planes, band, band.texels.initial)
@@ -159,11 +151,11 @@ class FrameMaps:
                 next(channels).index_copy_(0, order, plane)
 
     def _converted(self, states: Pixels, authored: PrincipledMaps | None) -> tuple[Pixels, ...]:
-        """The maps of `states` [7, k] in the order of `_CHANNELS`: [k, 1, 3] or [k, 1] each."""
+        """The maps of `states` [7, k] in the order of `FORMATS`: [k, 1, 3] or [k, 1] each."""
         maps = _torrance_sparrow(states)
-        if self.format == "torrance-sparrow":
+        if self.format == TORRANCE_SPARROW:
             return maps.kd, maps.ks, maps.alpha
-        if self.format == "principled-exact":
+        if self.format == PRINCIPLED_EXACT:
             return principled.exact(maps)
         assert authored is not None
         back = principled.read_back(maps, authored.map(lambda pixels: pixels[: states.shape[1]]))
@@ -235,10 +227,10 @@ def maps_of(
     texel at any of `times` is beyond what it can hold.
     """
     maps = FrameMaps(aged, size, format, None, covered)
-    if format == "principled-exact":
+    if format == PRINCIPLED_EXACT:
         if not maps.representable(times):
-            maps = replace(maps, format="torrance-sparrow")
-    elif format == "principled":
+            maps = replace(maps, format=TORRANCE_SPARROW)
+    elif format == PRINCIPLED:
         if isinstance(material, PrincipledMaps):
             authored = material.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
         else:
@@ -256,8 +248,8 @@ def write_frames(
     count = len(frames.times)
     for k in range(count):
         for name, pixels in frames.at(k).items():
-            files.setdefault(name, []).append(file_name(name, k))
-            staged.write(file_name(name, k), pixels)
+            files.setdefault(name, []).append(frame_file(name, k))
+            staged.write(frame_file(name, k), pixels)
         progress((k + 1) / count)
     return files
 
@@ -290,10 +282,10 @@ def write_stored_frames(
         if wanted:
             frame = frames.at(k)
             for name in wanted:
-                staged.write(file_name(name, k), frame[name])
+                staged.write(frame_file(name, k), frame[name])
         progress((k + 1) / count)
     return {
-        name: [[[file_name(name, k), weight] for k, weight in mix] for mix in kept.mix]
+        name: [[[frame_file(name, k), weight] for k, weight in mix] for mix in kept.mix]
         for name, kept in stored.items()
     }
 
@@ -305,18 +297,13 @@ def _most_changed(first: Mapping[str, Halves], last: Mapping[str, Halves]) -> li
     return [int(each.reshape(*each.shape[:2], -1).max(-1).argmax()) for each in changes]
 
 
-def file_name(map_name: str, k: int) -> str:
-    """The file of frame `k`, counted from 0."""
-    return f"{map_name}_{k + 1:04d}.exr"
-
-
 def file_names(format: Format, frames: int) -> list[str]:
     """Every file that a run in `format` may write ("principled-exact" may turn out otherwise)."""
     formats: tuple[Format, ...] = (format,)
-    if format == "principled-exact":
-        formats = (format, "torrance-sparrow")
-    maps = dict.fromkeys(name for each in formats for name in _CHANNELS[each])
-    return [file_name(name, k) for name in maps for k in range(frames)]
+    if format == PRINCIPLED_EXACT:
+        formats = (format, TORRANCE_SPARROW)
+    maps = dict.fromkeys(name for each in formats for name in FORMATS[each])
+    return [frame_file(name, k) for name in maps for k in range(frames)]
 
 
 def _torrance_sparrow(states: Pixels, size: tuple[int, int] | None = None) -> TorranceSparrowMaps:

@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 
+from ..contract import staging_places
 from ..errors import OutputError, shown
 from ..signals import undisturbed
-from .commit import clear, places, recover
+from .commit import clear, recover
 from .holding import held, hold, let_go
 
 __all__ = ("found", "staging")
@@ -84,7 +85,7 @@ def _place(folder: Path, new: bool) -> Path:
     Or within, where `folder` is a disk of its own, or its parent cannot be written to, or there is
     no room for a longer name.
     """
-    beside, within = places(folder, secrets.token_hex(4))
+    beside, within = staging_places(folder, secrets.token_hex(4))
     try:
         beside.mkdir()
         if not new:

@@ -12,14 +12,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from ..contract import REPORT
 from ..errors import OutputError, reason, shown
 from ..images import Compression, Depth, write_exr
 from ..maps import Halves, Pixels
 from ..signals import undisturbed
-from .commit import REPORT, commit, require_free
+from .commit import commit, require_free
 from .staging import found, staging
 
-__all__ = ("REPORT", "StagedResult", "check_space")
+__all__ = ("StagedResult", "check_space")
 
 # OpenEXR holds the interpreter while it codes: one thread waits for the disk, and no more maps are
 # held back for it than half a frame has.

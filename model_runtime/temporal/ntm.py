@@ -7,16 +7,14 @@ from pathlib import Path
 
 from torch import Tensor
 
+from ..contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS, LSTM_PARAMETERS
 from ..errors import ModelFileError, shown
 from ..model_files.weights import ModelCard, load_model
 from .domain import FOREIGN_SHARE, MOST_CENTRES, Domain
 from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
 from .pace import Timing
 
-__all__ = ("LADDER", "NeuralTemporalModel")
-
-LADDER = ("constant", "affine", "lstm_parameters", "lstm_latents")
-"""The models of change, cheapest first; the last works on latents, the others on parameters."""
+__all__ = ("NeuralTemporalModel",)
 
 _SAMPLE = 4096  # texels that tell whether a material is foreign
 
@@ -33,7 +31,7 @@ class NeuralTemporalModel:
 
     @property
     def chosen(self) -> str:
-        return str(self.card.details["temporal_model"])
+        return self.card.details["temporal_model"]  # `load` has seen that it is one
 
     @property
     def frames(self) -> int:
@@ -50,12 +48,12 @@ class NeuralTemporalModel:
         return _warnings(self.card)
 
     def rung(self, name: str) -> TemporalModel:
-        """The model of change called `name` (one of `LADDER`)."""
+        """The model of change called `name`."""
         return {
-            "constant": Constant(),
-            "affine": self.affine,
-            "lstm_parameters": self.parameters,
-            "lstm_latents": self.latents,
+            CONSTANT: Constant(),
+            AFFINE: self.affine,
+            LSTM_PARAMETERS: self.parameters,
+            LSTM_LATENTS: self.latents,
         }[name]
 
     def suited(self, initial: Tensor) -> tuple[str, float]:
@@ -66,8 +64,8 @@ class NeuralTemporalModel:
         """
         sample = initial[:: max(1, len(initial) // _SAMPLE)]
         share = float(self.domain.outside(sample).float().mean())
-        foreign = share > FOREIGN_SHARE and self.chosen != "constant"
-        return "affine" if foreign else self.chosen, share
+        foreign = share > FOREIGN_SHARE and self.chosen != CONSTANT
+        return AFFINE if foreign else self.chosen, share
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything that a file must hold, by name."""

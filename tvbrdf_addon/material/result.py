@@ -9,19 +9,13 @@ from pathlib import Path
 
 import bpy
 
-from ...model_runtime.output.commit import REPORT, recover
+from ...model_runtime.contract import FORMATS, REPORT
+from ...model_runtime.output.commit import recover
 from ..errors import MaterialError
 from .nodes.ownership import GROUP, TAG
 from .nodes.record import tagged
 
-__all__ = ("MAPS", "AgedMap", "AgedMaps", "LiveFiles", "read_result", "result_folder")
-
-MAPS = {
-    "principled": ("base_color", "metallic", "specular", "roughness"),
-    "principled-exact": ("base_color", "specular_tint", "roughness"),
-    "torrance-sparrow": ("kd", "ks", "alpha"),
-}
-"""The maps of each format that `aged.json` may name."""
+__all__ = ("AgedMap", "AgedMaps", "LiveFiles", "read_result", "result_folder")
 
 
 @dataclass(frozen=True)
@@ -117,7 +111,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
         raise MaterialError(
             f"The result {path} is damaged ({error}).", "Age the material again."
         ) from error
-    if kind not in MAPS:
+    if kind not in FORMATS:
         raise MaterialError(
             f"The result {path} has the format “{kind}”, which this extension does not know.",
             "Update the extension, or age the material again.",
@@ -125,7 +119,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
     if data.get("binding") == "live":
         return _live(folder, kind, (height, width), files)
     uniform = (height, width) == (1, 1)
-    maps = tuple(_map(folder, name, files.get(name), len(times), uniform) for name in MAPS[kind])
+    maps = tuple(_map(folder, name, files.get(name), len(times), uniform) for name in FORMATS[kind])
     return AgedMaps(kind, times, maps)
 
 

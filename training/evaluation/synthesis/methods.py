@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.contract import LADDER
 from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import ENCODER
 from model_runtime.modelling.compose import AgedTexels
@@ -20,7 +21,7 @@ from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.latents import Latents
 from model_runtime.temporal.domain import FOREIGN_SHARE
 from model_runtime.temporal.models import LatentLSTM
-from model_runtime.temporal.ntm import LADDER, NeuralTemporalModel
+from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...baselines import staf, stt
 from ..representation.methods import METHODS as REPRESENTATIONS

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from model_runtime.temporal.ntm import LADDER
+from model_runtime.contract import LADDER
 
 from ...data.sequences import Sequence
 from ...metric.sphere import tone_map

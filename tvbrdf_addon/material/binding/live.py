@@ -11,11 +11,12 @@ from typing import TypeAlias
 
 import bpy
 
+from ....model_runtime.contract import FORMATS
 from ....model_runtime.live.evaluate import Curves
 from ...errors import MaterialError
 from ..live.group import AUTHORED, OUTPUTS, aged_group
 from ..reading.pixels import read_exr
-from ..result import MAPS, LiveFiles
+from ..result import LiveFiles
 from .edit import Edit
 
 __all__ = ("Aged", "aged_by_shader", "read_curves")
@@ -49,7 +50,7 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
 
 
 _NAMES = {
-    **MAPS,
+    **FORMATS,
     "principled": ("base_color", "metallic", "roughness", "specular"),
 }
 

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import bpy
 
-from ....model_runtime.live.evaluate import COEFFICIENTS_A_FILE, ROUGHNESS_MIN, Curves
+from ....model_runtime.contract import COEFFICIENTS_A_FILE
+from ....model_runtime.live.evaluate import ROUGHNESS_MIN, Curves
 from ...known import image_texture
 from ..result import LiveFiles
 from .arrange import arrange

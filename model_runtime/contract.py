@@ -1,0 +1,258 @@
+"""What the worker, its command line, the add-on, the tests' stand-ins and evaluation agree on.
+
+What is called how in requests, in messages, in files and on the screen stands here and nowhere
+else; nothing is computed. Standard library only, for Blender's own Python imports it too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+__all__ = (
+    "AFFINE",
+    "AUTO",
+    "BALANCED",
+    "BINDINGS",
+    "CHOICES",
+    "COEFFICIENTS_A_FILE",
+    "CONSTANT",
+    "CPU",
+    "CURVES",
+    "DEVICES",
+    "DRAFT",
+    "EARLIER",
+    "EVERYWHERE",
+    "EXACT",
+    "FORMATS",
+    "FRAMES",
+    "IDLE_MINUTES",
+    "IDLE_OPTION",
+    "LADDER",
+    "LIVE",
+    "LSTM_LATENTS",
+    "LSTM_PARAMETERS",
+    "MOST_DB",
+    "PRINCIPLED",
+    "PRINCIPLED_EXACT",
+    "PROTOCOL",
+    "QUALITIES",
+    "RANGES",
+    "REPORT",
+    "RUNGS",
+    "SERVE",
+    "SPECULARS",
+    "STAGES",
+    "TIMING",
+    "TORRANCE_SPARROW",
+    "AgeRequest",
+    "Binding",
+    "Format",
+    "Quality",
+    "Rung",
+    "Specular",
+    "Stage",
+    "Told",
+    "coefficients_file",
+    "frame_file",
+    "is_device",
+    "is_result_file",
+    "option",
+    "staging_places",
+)
+
+PROTOCOL = 1
+"""The version of the worker's messages (`messages`, docs/worker-protocol.md)."""
+
+SERVE = "serve"
+IDLE_OPTION = "--idle-minutes"
+IDLE_MINUTES = 10.0
+"""How long a worker waits for a next run unless `SERVE` is given another time."""
+
+
+class Told(NamedTuple):
+    """How a choice is told to people: its title, and what it means."""
+
+    title: str
+    meaning: str
+
+
+AUTO: Final = "auto"
+"""Of several settings: let the run choose."""
+
+# How much of the material is modelled.
+DRAFT: Final = "draft"
+BALANCED: Final = "balanced"
+EXACT: Final = "exact"
+Quality = Literal["draft", "balanced", "exact"]
+QUALITIES: Mapping[Quality, Told] = {
+    DRAFT: Told("Draft", "A quick look, not checked: few distinct materials are modelled"),
+    BALANCED: Told("Balanced", "Models as little as the tolerance allows, and checks that it does"),
+    EXACT: Told(
+        "Exact",
+        "Models every texel with every sample and leaves nothing out: for comparisons. Can take "
+        "hours; the estimate above the button says so before you start",
+    ),
+}
+
+# The ladder of models of change.
+CONSTANT: Final = "constant"
+AFFINE: Final = "affine"
+LSTM_PARAMETERS: Final = "lstm_parameters"
+LSTM_LATENTS: Final = "lstm_latents"
+Rung = Literal["constant", "affine", "lstm_parameters", "lstm_latents"]
+RUNGS: Mapping[Rung, Told] = {
+    CONSTANT: Told("Constant", "Nothing changes: what the other models are held against"),
+    AFFINE: Told("Affine", "Scale and offset of every channel over time"),
+    LSTM_PARAMETERS: Told("LSTM on Parameters", "A network predicts the reflectance parameters"),
+    LSTM_LATENTS: Told("LSTM on Latents", "The neural temporal model of the paper"),
+}
+LADDER: tuple[Rung, ...] = (*RUNGS,)
+"""Cheapest first; the last works on latents, the others on parameters."""
+
+Specular = Literal["rgb", "mono"]
+SPECULARS: Mapping[Specular, Told] = {
+    "rgb": Told("Colored", "Highlights may take on a color, as metals do"),
+    "mono": Told("Gray", "Highlights stay gray"),
+}
+
+# What a result is: files that a shader sums up, or those of every frame.
+LIVE: Final = "live"
+FRAMES: Final = "frames"
+Binding = Literal["live", "frames"]
+BINDINGS: Mapping[Binding, Told] = {
+    LIVE: Told(
+        "Live",
+        "The shader ages your own nodes at any age: small files, no reloading, and an age of its "
+        "own for every object that has a property Age",
+    ),
+    FRAMES: Told(
+        "Frames",
+        "Image sequences, which other programs and exporters understand: larger, and slower to "
+        "play",
+    ),
+}
+
+# What a result's maps, or its live sum, drive.
+TORRANCE_SPARROW: Final = "torrance-sparrow"
+PRINCIPLED: Final = "principled"
+PRINCIPLED_EXACT: Final = "principled-exact"
+Format = Literal["torrance-sparrow", "principled", "principled-exact"]
+FORMATS: Mapping[str, Mapping[str, int]] = {
+    TORRANCE_SPARROW: {"kd": 3, "ks": 3, "alpha": 1},
+    PRINCIPLED: {"base_color": 3, "metallic": 1, "specular": 1, "roughness": 1},
+    PRINCIPLED_EXACT: {"base_color": 3, "specular_tint": 3, "roughness": 1},
+}
+"""The maps of each format, in order, and how many channels each has."""
+
+EVERYWHERE: Final = "none"
+"""The onset with which every texel starts to age at once."""
+
+
+@dataclass(frozen=True)
+class AgeRequest:
+    """What to age, how and where to: the options of the command line (docs/design.md)."""
+
+    input: Path
+    ntm: str
+    output: Path
+    frames: int = 36
+    size: int | None = None
+    quality: Quality = BALANCED
+    tolerance: float = 45.0
+    temporal_model: str = AUTO
+    onset: str = AUTO
+    specular: Specular = "rgb"
+    format: Format | None = None
+    binding: Binding | Literal["auto"] = FRAMES
+    sparse: bool = False
+    seed: int = 0
+    device: str = AUTO
+
+
+CHOICES: Mapping[str, tuple[str, ...]] = {
+    "quality": (*QUALITIES,),
+    "temporal_model": (AUTO, *RUNGS),
+    "specular": (*SPECULARS,),
+    "format": (*FORMATS,),
+    "binding": (AUTO, *BINDINGS),
+}
+"""What those fields of `AgeRequest` may be that are one of a few."""
+
+RANGES: Mapping[str, tuple[int, int]] = {
+    "frames": (1, 9999),  # files are numbered with four digits
+    "size": (1, 16_384),  # as images may have
+    "seed": (0, 2**63 - 1),
+}
+"""What its whole numbers may be."""
+
+MOST_DB = 1000
+"""What its tolerance may be at most; it is more than 0."""
+
+
+CPU: Final = "cpu"
+DEVICES = f"{AUTO}|{CPU}|cuda|cuda:N"
+"""What its device may be, for people."""
+
+
+def is_device(name: str) -> bool:
+    """Whether a device may be called so; there need not be one."""
+    return re.fullmatch(rf"{AUTO}|{CPU}|cuda(:\d{{1,3}})?", name) is not None
+
+
+def option(field: str) -> str:
+    """The command line's name of a field of `AgeRequest`."""
+    return "--" + field.replace("_", "-")
+
+
+Stage = Literal["read", "onset", "model", "fit", "write"]
+STAGES: Mapping[Stage, str] = {
+    "read": "reading",
+    "onset": "reading",
+    "model": "modelling the change",
+    "fit": "finding what texels share",
+    "write": "writing",
+}
+"""What a run does one after the other (`seconds` of the report), and how its progress says it."""
+
+REPORT = "aged.json"
+"""The report that makes a folder a result (docs/aged-json.md); all others are what it lists."""
+
+CURVES = "curves.exr"
+TIMING = "timing.exr"
+COEFFICIENTS_A_FILE = 3
+"""Coefficients of a live material that share an image, one in each of its colors."""
+
+_RESULT_FILE = re.compile(
+    r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.exr|" + "|".join(map(re.escape, (TIMING, CURVES)))
+)
+
+
+def frame_file(map_name: str, k: int) -> str:
+    """The file of a map in frame `k`, counted from 0."""
+    return f"{map_name}_{k + 1:04d}.exr"
+
+
+def coefficients_file(number: int) -> str:
+    """A file of coefficients of a live material, counted from 0."""
+    return f"coefficients_{number}.exr"
+
+
+def is_result_file(name: str) -> bool:
+    """Whether a file is named as those of results are, the report apart."""
+    return _RESULT_FILE.fullmatch(name) is not None
+
+
+def staging_places(folder: Path, token: str) -> tuple[Path, Path]:
+    """Where a result for `folder` may be staged: beside it, or within; `token` has 8 characters."""
+    return (
+        folder.parent / f".{folder.name}.partial-{token}",
+        folder / f".aged.partial-{token}",
+    )
+
+
+EARLIER = ".aged.earlier"
+"""What an earlier result is called, in the staging folder, while the new one takes its place."""
