@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...known import known
 
-__all__ = ("Evaluated", "distinct", "evaluated", "in_view", "stage")
+__all__ = ("Evaluated", "alike", "distinct", "evaluated", "in_view", "mesh_of", "stage", "stand_in")
 
 Array = NDArray[np.float32]
 
@@ -51,15 +51,15 @@ class Evaluated:
 def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
     """The object at `frame`; nothing in the file is changed, and the mesh is gone afterwards."""
     with ExitStack() as stack:
-        stand_in = stack.enter_context(_stand_in(obj))
-        scene = stack.enter_context(stage("tvbrdf look", [stand_in]))
+        seen = stack.enter_context(stand_in(obj))
+        scene = stack.enter_context(stage("tvbrdf look", [seen]))
         scene.frame_set(frame)
-        mesh = _mesh_of(stand_in, scene)
+        mesh = mesh_of(seen, scene)
         stack.callback(bpy.data.meshes.remove, mesh)
         mesh.validate(clean_customdata=False)  # takes out what is no number, too
         depsgraph = known(scene.view_layers[0].depsgraph)
-        basis = stand_in.evaluated_get(depsgraph).matrix_basis.copy()
-        yield Evaluated(obj, mesh, basis, _rest(stand_in, scene, mesh))
+        basis = seen.evaluated_get(depsgraph).matrix_basis.copy()
+        yield Evaluated(obj, mesh, basis, _rest(seen, scene, mesh))
 
 
 @contextmanager
@@ -77,12 +77,17 @@ def in_view(
 
 def distinct(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
     """One object of those that are seen alike: linked duplicates are many and are one mesh."""
-    alike = {}
+    return [first for first, *_ in alike(objects)]
+
+
+def alike(objects: Iterable[bpy.types.Object]) -> list[list[bpy.types.Object]]:
+    """The objects in groups that are seen alike."""
+    groups: dict[tuple[object, ...], list[bpy.types.Object]] = {}
     for obj in objects:
         own = [obj] if len(obj.modifiers) else []
         slots = (slot.material for slot in obj.material_slots)
-        alike.setdefault((obj.data, obj.mode, *slots, *own), obj)
-    return list(alike.values())
+        groups.setdefault((obj.data, obj.mode, *slots, *own), []).append(obj)
+    return list(groups.values())
 
 
 @contextmanager
@@ -99,8 +104,11 @@ def stage(name: str, objects: list[bpy.types.Object]) -> Iterator[bpy.types.Scen
 
 
 @contextmanager
-def _stand_in(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
-    """The object again, visible, with the modifiers that a render applies."""
+def stand_in(obj: bpy.types.Object, *, realize: bool = True) -> Iterator[bpy.types.Object]:
+    """The object again, visible, with the modifiers that a render applies.
+
+    Instances that its nodes make are part of its mesh, unless these are not to be realized.
+    """
     with ExitStack() as stack:
         copy = obj.copy()
         if obj.type == "MESH" and obj.mode == "EDIT":  # then it cannot be read
@@ -116,7 +124,7 @@ def _stand_in(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
             modifier.show_viewport = modifier.show_render
             if modifier.type in ("SUBSURF", "MULTIRES"):
                 modifier.levels = min(modifier.render_levels, most)
-        if any(modifier.type == "NODES" for modifier in copy.modifiers):
+        if realize and any(modifier.type == "NODES" for modifier in copy.modifiers):
             stack.enter_context(_instances_made_real(copy))
         yield copy
 
@@ -137,7 +145,8 @@ def _instances_made_real(obj: bpy.types.Object) -> Iterator[None]:
         bpy.data.node_groups.remove(group)
 
 
-def _mesh_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Mesh:
+def mesh_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Mesh:
+    """The mesh that an object of a scene is at its frame, with what its slots show; a new one."""
     depsgraph = known(scene.view_layers[0].depsgraph)
     depsgraph.update()
     seen = obj.evaluated_get(depsgraph)
@@ -171,7 +180,7 @@ def _rest(obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -
         modifier.show_viewport = False
     if keyed:
         obj.active_shape_key_index, obj.show_only_shape_key = 0, True
-    undeformed = _mesh_of(obj, scene)
+    undeformed = mesh_of(obj, scene)
     try:
         if len(undeformed.vertices) != len(mesh.vertices):
             return None

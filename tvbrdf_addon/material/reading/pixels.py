@@ -157,13 +157,16 @@ def _along(pixels: Array, axis: int, length: int) -> list[int]:
 
 
 def write_exr(path: Path, pixels: Array) -> None:
-    """Writes a map [H, W] or [H, W, 3] as a 32-bit float EXR, by Blender's own image code."""
+    """Writes a map [H, W], [H, W, 3] or, with alpha, [H, W, 4] as a 32-bit float EXR, by Blender's
+    own image code.
+    """
     height, width = pixels.shape[:2]
     require_memory((height, width), _BYTES_PER_TEXEL)
     rgba = np.ones((height, width, 4), np.float32)
-    rgba[..., :3] = pixels if pixels.ndim == 3 else pixels[..., None]
+    alpha = pixels.ndim == 3 and pixels.shape[2] == 4
+    rgba[..., : 4 if alpha else 3] = pixels if pixels.ndim == 3 else pixels[..., None]
     image = bpy.data.images.new(
-        path.stem, width, height, alpha=False, float_buffer=True, is_data=True
+        path.stem, width, height, alpha=alpha, float_buffer=True, is_data=True
     )
     try:
         image.pixels.foreach_set(rgba[::-1].ravel())

@@ -1,0 +1,315 @@
+"""All that shows a material in a scene, and all that stands around it, as a render sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import islice
+
+import bpy
+import mathutils
+import numpy as np
+from numpy.typing import NDArray
+
+from ...known import known
+from ..nodes.animation import channels
+from ..reading.evaluated import alike, mesh_of, stage, stand_in
+from ..reading.onset import is_shown
+from ..reading.unwrap import active_uv_map, slots_with
+from .charts import Faces
+from .shells import turned_in
+
+__all__ = ("Around", "Part", "Seen", "UVMap", "collect")
+
+Array = NDArray[np.float32]
+Numbers = NDArray[np.int64]
+Matrices = list[mathutils.Matrix]
+
+# What stands around is looked at as far as it stays below these: objects, and triangles in all.
+_MOST_AROUND, _MOST_TRIANGLES = 500, 1_000_000
+_MOST_INSTANCES = 100_000
+_HAVE_FACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+
+
+@dataclass(frozen=True)
+class UVMap:
+    """A UV map that meshes are to have: its name, and by mesh (session uid) its places [L, 2]."""
+
+    name: str
+    places: Mapping[int, Array]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Triangles that show the material, of one of the objects and instances that are seen alike.
+
+    `faces` lie in the world and go counterclockwise as seen from outside, where `normals`
+    [T, 3, 3] point; `uv` is [T, 3, 2], None without a UV map.  `obj` stands at `matrix`, and
+    `others` count those that are seen alike beside it.
+    """
+
+    obj: bpy.types.Object
+    matrix: mathutils.Matrix
+    faces: Faces
+    normals: Array
+    uv: Array | None
+    others: int
+
+
+@dataclass(frozen=True)
+class Around:
+    """What may shelter the surface: triangles [T, 3] of vertices [V, 3], at matrices."""
+
+    vertices: Array
+    triangles: Numbers
+    matrices: tuple[mathutils.Matrix, ...]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What shows the material, all else, and the objects that show it and are no meshes."""
+
+    parts: tuple[Part, ...]
+    around: tuple[Around, ...]
+    no_meshes: tuple[bpy.types.Object, ...]
+
+
+@dataclass(frozen=True)
+class _Mesh:
+    """Vertices [V, 3] and triangles [T, 3] of a mesh, what these show, and what lies at corners."""
+
+    vertices: Array
+    triangles: Numbers
+    polygons: Numbers
+    shows: NDArray[np.bool_]
+    normals: Array
+    uv: Array | None
+
+
+def collect(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    frame: int,
+    *,
+    uv_map: str = "",
+    given: UVMap | None = None,
+) -> Seen:
+    """What a render of `scene` shows at `frame`; hidden objects where no other shows the material.
+
+    UVs are those of `uv_map` where a mesh has it, else of the map that it renders with; `given` is
+    one that the meshes do not have yet.  Nothing in the file is changed.
+    """
+    places, scattering = _rendered(scene), _scattering(material)
+    users = [obj for obj in places if obj in scattering or is_shown(material, obj)]
+    if not users:
+        users = [obj for obj in scene.objects if is_shown(material, obj)]
+        places.update({obj: (True, []) for obj in users})
+    meshes = [obj for obj in users if obj.type == "MESH"]
+    others = [obj for obj in places if obj not in meshes and _shelters(obj)]
+    others = _nearest(others, users)
+    with ExitStack() as stack:
+        # One scene for all: to make one and to look at it takes its time.
+        copies = {
+            obj: stack.enter_context(stand_in(obj, realize=obj in meshes))
+            for obj in (*meshes, *others)
+        }
+        if given is not None:
+            for obj in meshes:
+                stack.enter_context(_with_uv_map(copies[obj], obj, given))
+        look = stack.enter_context(stage("tvbrdf look", list(copies.values())))
+        look.frame_set(frame)
+        depsgraph = known(look.view_layers[0].depsgraph)
+
+        def matrices(objects: Sequence[bpy.types.Object]) -> Matrices:
+            own = [
+                copies[obj].evaluated_get(depsgraph).matrix_world.copy()
+                for obj in objects
+                if places[obj][0]
+            ]
+            return own + [matrix for obj in objects for matrix in places[obj][1]]
+
+        parts, around, triangles = [], [], 0
+        for group in alike(meshes):
+            name = given.name if given is not None else uv_map
+            mesh = _mesh(copies[group[0]], look, material, name)
+            first, *more = matrices(group)
+            if mesh.shows.any():
+                parts.append(_part(group[0], mesh, first, len(more)))
+                around.append(Around(mesh.vertices, mesh.triangles[~mesh.shows], (first,)))
+            around.append(Around(mesh.vertices, mesh.triangles, tuple(more)))
+        for group in alike(others):
+            if triangles > _MOST_TRIANGLES:
+                break
+            mesh = _mesh(copies[group[0]], look, material, "")
+            around.append(Around(mesh.vertices, mesh.triangles, tuple(matrices(group))))
+            triangles += len(mesh.triangles)
+    there = tuple(each for each in around if len(each.triangles) and each.matrices)
+    return Seen(tuple(parts), there, tuple(obj for obj in users if obj not in meshes))
+
+
+def _rendered(scene: bpy.types.Scene) -> dict[bpy.types.Object, tuple[bool, Matrices]]:
+    """The objects that a render of the scene shows: whether by themselves, and where instances of
+    them stand now, without those that geometry nodes make.
+    """
+    found: dict[bpy.types.Object, tuple[bool, Matrices]] = {}
+    layers = [scene.view_layers[0].layer_collection]
+    while layers:
+        layer = layers.pop()
+        if not layer.exclude and not layer.collection.hide_render:
+            layers.extend(layer.children)
+            for obj in layer.collection.objects:
+                if obj.type in _HAVE_FACES and not _is_hidden(obj):
+                    by_itself = obj.parent is None or obj.parent.instance_type == "NONE"
+                    found[obj] = (by_itself, [])
+    for each in _instances():
+        if not _has_nodes(known(each.parent)) and each.object.type in _HAVE_FACES:
+            obj = known(each.object.original)
+            _, matrices = found.setdefault(obj, (False, []))
+            matrices.append(each.matrix_world.copy())
+    return {obj: (own, matrices) for obj, (own, matrices) in found.items() if own or matrices}
+
+
+def _scattering(material: bpy.types.Material) -> set[bpy.types.Object]:
+    """The objects whose geometry nodes make instances that show the material."""
+    return {
+        known(known(each.parent).original)
+        for each in _instances()
+        if _has_nodes(known(each.parent)) and _is_in(material, each.object.data)
+    }
+
+
+def _instances() -> Iterator[bpy.types.DepsgraphObjectInstance]:
+    instances = bpy.context.evaluated_depsgraph_get().object_instances
+    for each in islice(instances, _MOST_INSTANCES):
+        if each.is_instance and each.parent is not None:
+            yield each
+
+
+def _has_nodes(obj: bpy.types.Object) -> bool:
+    return any(modifier.type == "NODES" for modifier in obj.modifiers)
+
+
+def _is_in(material: bpy.types.Material, data: bpy.types.ID | None) -> bool:
+    there = (each for each in getattr(data, "materials", ()) if each is not None)
+    return any(each.original == material for each in there)
+
+
+def _is_hidden(obj: bpy.types.Object) -> bool:
+    """Whether renders never show an object."""
+    data = obj.animation_data
+    curves = [] if data is None else [*channels(obj), *data.drivers]
+    return obj.hide_render and all(curve.data_path != "hide_render" for curve in curves)
+
+
+def _shelters(obj: bpy.types.Object) -> bool:
+    """Whether an object has a surface that keeps light and rain off, as far as is known."""
+    materials = [slot.material for slot in obj.material_slots if slot.material is not None]
+    outputs = [
+        known(each.node_tree).get_output_node("CYCLES") for each in materials if each.node_tree
+    ]
+    only_volume = outputs and not any(
+        out is None or out.inputs["Surface"].is_linked for out in outputs
+    )
+    return obj.display_type not in ("WIRE", "BOUNDS") and not only_volume
+
+
+def _nearest(
+    objects: list[bpy.types.Object], users: list[bpy.types.Object]
+) -> list[bpy.types.Object]:
+    """Those of the objects that stand nearest to the users."""
+    if not objects or not users:
+        return []
+    at, near = (
+        np.array([each.matrix_world for each in some])[:, :3, 3] for some in (objects, users)
+    )
+    center = near.mean(0)
+    order = np.argsort(np.linalg.norm(at - center, axis=1), kind="stable")
+    return [objects[i] for i in order[:_MOST_AROUND].tolist()]
+
+
+@contextmanager
+def _with_uv_map(copy: bpy.types.Object, obj: bpy.types.Object, given: UVMap) -> Iterator[None]:
+    """Gives a stand-in's mesh, which becomes its own, the map that `obj` is to have."""
+    places = given.places.get(known(obj.data).session_uid)
+    before = copy.data
+    assert isinstance(before, bpy.types.Mesh)
+    copy.data = mesh = before.copy()
+    try:
+        if places is not None and len(places) == len(mesh.loops):
+            layer = mesh.uv_layers.new(name=given.name, do_init=False)
+            layer.data.foreach_set("uv", places.ravel())
+        yield
+    finally:
+        copy.data = before
+        bpy.data.meshes.remove(mesh)
+
+
+def _mesh(
+    copy: bpy.types.Object, look: bpy.types.Scene, material: bpy.types.Material, uv_map: str
+) -> _Mesh:
+    """The evaluated mesh, without the triangles of it that are nowhere."""
+    mesh = mesh_of(copy, look)
+    try:
+        mesh.calc_loop_triangles()
+        vertices = _read(mesh.vertices, "co", 3)
+        triangles, loops, polygons, slots = (
+            _read(mesh.loop_triangles, name, width, np.int32).astype(np.int64)
+            for name, width in (
+                ("vertices", 3),
+                ("loops", 3),
+                ("polygon_index", 1),
+                ("material_index", 1),
+            )
+        )
+        marked = np.array([*slots_with(mesh, material), False])
+        shows = marked[slots[:, 0].clip(0, max(len(marked) - 2, 0))]
+        normals = _read(mesh.corner_normals, "vector", 3)
+        name = uv_map if uv_map in mesh.uv_layers else active_uv_map(mesh)
+        uv = None if name is None else _read(mesh.uv_layers[name].data, "uv", 2)
+    finally:
+        bpy.data.meshes.remove(mesh)
+    places = np.isfinite(vertices).all(1)
+    there = places[triangles].all(1)
+    vertices[~places] = 0
+    loops = loops[there]
+    return _Mesh(
+        vertices,
+        triangles[there],
+        polygons[there, 0],
+        shows[there],
+        normals[loops],
+        None if uv is None else np.nan_to_num(uv[loops]),
+    )
+
+
+def _read(
+    collection: bpy.types.bpy_prop_collection, name: str, width: int, kind: type = np.float32
+) -> np.ndarray:
+    values = np.empty(len(collection) * width, kind)
+    collection.foreach_get(name, values)
+    return values.reshape(-1, width)
+
+
+def _part(obj: bpy.types.Object, mesh: _Mesh, matrix: mathutils.Matrix, others: int) -> Part:
+    shows = mesh.shows
+    triangles, polygons, normals = mesh.triangles[shows], mesh.polygons[shows], mesh.normals[shows]
+    uv = None if mesh.uv is None else mesh.uv[shows]
+    world = np.array(matrix, np.float64)
+    places = (mesh.vertices @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
+    mirrors = np.linalg.det(world[:3, :3]) < 0
+    # By the inverse transpose, times the determinant's size: no scale is too small for that.
+    x, y, z = world[:3, :3].T
+    turn = np.stack((np.cross(y, z), np.cross(z, x), np.cross(x, y)))
+    normals = normals @ (-turn if mirrors else turn)
+    if mirrors:  # triangles turn over
+        triangles, normals = triangles[:, ::-1], normals[:, ::-1]
+        uv = None if uv is None else uv[:, ::-1]
+    turned = turned_in(places[triangles], triangles)
+    triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)
+    normals = np.where(turned[:, None, None], -normals[:, ::-1], normals)
+    if uv is not None:
+        uv = np.where(turned[:, None, None], uv[:, ::-1], uv)
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
+    faces = Faces(places[triangles], triangles, polygons)
+    return Part(obj, matrix, faces, normals.astype(np.float32), uv, others)

@@ -1,0 +1,283 @@
+"""Where timing lies: in the material's own UV map, or where places share its texels in one made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import bpy
+import mathutils
+import numpy as np
+from numpy.typing import NDArray
+
+from ..reading.tiles import Tiles
+from ..reading.unwrap import active_uv_map
+from .charts import Faces, laid_out
+from .collect import Part, Seen, UVMap, collect
+from .raster import Raster, rasterize
+
+__all__ = ("Layout", "lay_out")
+
+Array = NDArray[np.float32]
+
+# Of the texels that faces cover, how many may show two of them: those that borders cut.
+_SHARED = 0.02
+# Of a texel, how far UVs may reach out of the map before they count as repeated.
+_BEYOND = 0.5
+_MOST_UV_MAPS = 8
+_LOOKED_AT = 512  # texels a side
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What shows a material, and where in a map: `raster` counts the triangles of all parts.
+
+    `own` is the UV map that was made for it, which the meshes do not have yet; None where it is
+    the material's.  `notes` are sentences.
+    """
+
+    seen: Seen
+    uv: Array
+    raster: Raster
+    own: UVMap | None
+    notes: tuple[str, ...]
+
+
+def lay_out(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    frame: int,
+    *,
+    uv_map: str | None,
+    tiles: Tiles,
+    size: int,
+) -> Layout | tuple[str, ...]:
+    """The layout of maps of `size` texels a side, or sentences why there is none.
+
+    `uv_map` is that by which the material looks up what is made of it (empty: that which each mesh
+    renders with), None where it does so by something else.
+    """
+    seen = collect(material, scene, frame, uv_map=uv_map or "")
+    notes = _not_followed(material, seen)
+    if not seen.parts:
+        return notes
+    if uv_map is None:
+        why = f"“{material.name}” is not laid out by a UV map"
+    elif (part := next((each for each in seen.parts if _is_flat(each)), None)) is not None:
+        why = f"“{part.obj.name}” has no UV map with an area"
+    else:
+        uv = _among(tiles, np.concatenate([part.uv for part in seen.parts if part.uv is not None]))
+        shape = _shape(tiles, size)
+        if _leaves(uv, shape):
+            why = f"The UV map of “{material.name}” repeats its textures"
+        else:
+            raster = rasterize(uv, shape)
+            if not _is_shared(raster):
+                return Layout(seen, uv, raster, None, (*notes, *_alike(seen.parts)))
+            if not _is_shared(_of_bases(seen.parts, material, uv_map, tiles)):
+                return Layout(seen, uv, raster, None, (*notes, *_alike(seen.parts), _COPIES))
+            why = f"Faces of “{material.name}” lie on one another in its UV map"
+    return _apart(material, scene, frame, seen, size, why, notes)
+
+
+_COPIES = (
+    "Copies that modifiers make of a mesh share its UV map and age alike: apply the modifiers "
+    "where they are to differ."
+)
+
+
+def _not_followed(material: bpy.types.Material, seen: Seen) -> tuple[str, ...]:
+    if not seen.no_meshes:
+        return ()
+    return (
+        f"“{seen.no_meshes[0].name}” is no mesh, so that the ageing of “{material.name}” cannot "
+        "follow its shape: use Object > Convert > Mesh.",
+    )
+
+
+def _alike(parts: Sequence[Part]) -> tuple[str, ...]:
+    """That objects have no texels of their own."""
+    more = sum(part.others for part in parts)
+    if not more:
+        return ()
+    name = next(part.obj.name for part in parts if part.others)
+    return (
+        f"{more} linked duplicate{'s' * (more > 1)} or instances of “{name}” age as it does, "
+        "because they share its mesh: use Object > Relations > Make Single User where they are to "
+        "differ.",
+    )
+
+
+def _is_flat(part: Part) -> bool:
+    """Whether most of a part's surface has no place in its UV map."""
+    if part.uv is None:
+        return True
+    a, b, c = np.moveaxis(part.uv.astype(np.float64), 1, 0)
+    first, second = b - a, c - a
+    flat = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) < 1e-12
+    a, b, c = np.moveaxis(part.faces.corners.astype(np.float64), 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return bool(area[flat].sum() > area.sum() / 2)
+
+
+def _among(tiles: Tiles, uv: Array) -> Array:
+    """UVs in the one image of all tiles."""
+    size = np.array((tiles.columns, tiles.rows), np.float32)
+    return (uv - np.array(tiles.corner, np.float32)) / size
+
+
+def _shape(tiles: Tiles, size: int) -> tuple[int, int]:
+    """The (height, width) of a map of all tiles, with about as many texels as one of `size`."""
+    side = max(round(size / np.sqrt(tiles.rows * tiles.columns)), 1)
+    return tiles.whole((side, side))
+
+
+def _leaves(uv: Array, shape: tuple[int, int]) -> bool:
+    beyond = np.array((_BEYOND / shape[1], _BEYOND / shape[0]))
+    return bool((uv < -beyond).any() or (uv > 1 + beyond).any())
+
+
+def _is_shared(raster: Raster) -> bool:
+    inside = np.count_nonzero(raster.centers)
+    return bool(np.count_nonzero(raster.shared) > _SHARED * max(inside, 1))
+
+
+def _of_bases(
+    parts: Sequence[Part], material: bpy.types.Material, uv_map: str, tiles: Tiles
+) -> Raster:
+    """The meshes without modifiers, which cannot be laid out apart of themselves."""
+    bases = [_Base.of(part, material, uv_map) for part in _of_meshes(parts)]
+    uv = np.concatenate([base.uv for base in bases if base.uv is not None])
+    return rasterize(_among(tiles, uv), _shape(tiles, _LOOKED_AT))
+
+
+def _of_meshes(parts: Sequence[Part]) -> list[Part]:
+    """One part of those that are made of the same mesh."""
+    return list({part.obj.data: part for part in reversed(parts)}.values())[::-1]
+
+
+@dataclass(frozen=True)
+class _Base:
+    """The faces of a mesh, before modifiers, that show the material: with the numbers of their
+    corners [T, 3] of so many, and with UVs [T, 3, 2] where it has them.
+    """
+
+    faces: Faces
+    corners: NDArray[np.int64]
+    count: int
+    uv: Array | None
+
+    @classmethod
+    def of(cls, part: Part, material: bpy.types.Material, uv_map: str) -> _Base:
+        mesh = part.obj.data
+        assert isinstance(mesh, bpy.types.Mesh)
+        copy = mesh.copy()
+        try:
+            copy.calc_loop_triangles()
+            count = len(copy.loop_triangles)
+            vertices, loops = np.empty((2, count * 3), np.int32)
+            polygons, slots = np.empty((2, count), np.int32)
+            for name, values in (
+                ("vertices", vertices),
+                ("loops", loops),
+                ("polygon_index", polygons),
+                ("material_index", slots),
+            ):
+                copy.loop_triangles.foreach_get(name, values)
+            places = np.empty(len(copy.vertices) * 3, np.float32)
+            copy.vertices.foreach_get("co", places)
+            name = uv_map if uv_map in copy.uv_layers else active_uv_map(copy)
+            uv = None
+            if name is not None:
+                uv = np.empty(len(copy.loops) * 2, np.float32)
+                copy.uv_layers[name].data.foreach_get("uv", uv)
+                uv = np.nan_to_num(uv.reshape(-1, 2))
+            corners = len(copy.loops)
+        finally:
+            bpy.data.meshes.remove(copy)
+        marked = np.array([slot.material == material for slot in part.obj.material_slots] or [True])
+        shows = marked[slots.clip(0, len(marked) - 1)]
+        if not shows.any():  # nodes say what does
+            shows[:] = True
+        vertices, loops = vertices.reshape(-1, 3)[shows], loops.reshape(-1, 3)[shows]
+        world = _in_world(places.reshape(-1, 3), part.matrix)
+        faces = Faces(
+            np.nan_to_num(world)[vertices],
+            vertices.astype(np.int64),
+            polygons[shows].astype(np.int64),
+        )
+        return cls(faces, loops.astype(np.int64), corners, None if uv is None else uv[loops])
+
+
+def _in_world(places: Array, matrix: mathutils.Matrix) -> Array:
+    world = np.array(matrix, np.float64)
+    return (places @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
+
+
+def _apart(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    frame: int,
+    seen: Seen,
+    size: int,
+    why: str,
+    notes: tuple[str, ...],
+) -> Layout | tuple[str, ...]:
+    """The layout in a UV map of its own."""
+    parts = _of_meshes(seen.parts)
+    if (reason := _why_no_uv_map(parts)) is not None:
+        return (*notes, f"{why}, so that its ageing cannot follow its shape: {reason}")
+    bases = [_Base.of(part, material, "") for part in parts]
+    places = laid_out([base.faces for base in bases], size)
+    if places is None:
+        return (*notes, f"{why}, and it has too many faces for a UV map of its own.")
+    own: dict[int, Array] = {}
+    for part, base, uv in zip(parts, bases, places, strict=True):
+        own[part.obj.data.session_uid] = at = np.zeros((base.count, 2), np.float32)
+        at[base.corners] = uv
+    uv_map = UVMap(_free_name(), own)
+    seen = collect(material, scene, frame, given=uv_map)
+    lost = [part for part in seen.parts if part.uv is None or _is_flat(part)]
+    if lost:
+        notes = (
+            *notes,
+            f"The modifiers of “{lost[0].obj.name}” leave no UV map, so that its ageing cannot "
+            "follow its shape: apply them (Object > Convert > Mesh).",
+        )
+    seen = Seen(tuple(part for part in seen.parts if part not in lost), seen.around, seen.no_meshes)
+    if not seen.parts:
+        return notes
+    uv = np.concatenate([part.uv for part in seen.parts if part.uv is not None])
+    raster = rasterize(uv, (size, size))
+    notes = (
+        *notes,
+        f"{why}: when its places age lies in a UV map of its own, “{uv_map.name}”.",
+        *_alike(seen.parts),
+    )
+    if _is_shared(raster):
+        notes = (*notes, _COPIES)
+    return Layout(seen, uv, raster, uv_map, notes)
+
+
+def _why_no_uv_map(parts: Sequence[Part]) -> str | None:
+    """Why no UV map can be added to the meshes, or None if one can."""
+    for part in parts:
+        mesh, name = part.obj.data, f"“{part.obj.name}”"
+        assert isinstance(mesh, bpy.types.Mesh)
+        if mesh.library or mesh.override_library:
+            return f"the mesh of {name} is linked from another file, and needs another UV map."
+        if mesh.is_editmode:
+            return f"leave Edit Mode of {name}, whose mesh needs another UV map, and age it again."
+        if len(mesh.uv_layers) >= _MOST_UV_MAPS:
+            return f"{name} has as many UV maps as it can have, and needs another; remove one."
+    return None
+
+
+def _free_name() -> str:
+    """A name that no attribute of any mesh has."""
+    taken = {each.name for mesh in bpy.data.meshes for each in mesh.attributes}
+    return next(
+        name
+        for i in range(1, len(taken) + 2)
+        if (name := f"Age {i}" if i > 1 else "Age") not in taken
+    )
