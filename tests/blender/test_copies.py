@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 import pytest
 
+from tests.blender.live_cases import made_up_live
 from tests.blender.material_cases import add, made_up, new_material, plane
 from tests.blender.surface_cases import in_nested_groups, show_group
 from tests.blender.test_bind import bind
@@ -178,3 +179,24 @@ def test_undo_and_redo_take_and_give_the_whole_ageing(tmp_path, build):
     after = settled(bpy.data.materials["Paint"])
     for key in before:
         assert after[key] == before[key], key
+
+
+def test_what_a_copied_material_shows_of_a_group_comes_back_one_by_one(tmp_path):
+    """Both show one copy of the artist's group, which the second still needs."""
+    from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
+
+    def shown(material: bpy.types.Material) -> list[str]:
+        return [socket.identifier for socket in material.node_tree.nodes["Group"].inputs]
+
+    material = new_material()
+    in_nested_groups(material)
+    before = settled(material)
+    bind(material, plane(material), made_up_live(tmp_path / "live", "principled"), tmp_path)
+    copy = material.copy()
+    while_aged = shown(copy)
+    revert(material)
+    assert settled(material)["nodes"] == before["nodes"]
+    assert shown(copy) == while_aged
+    revert(copy)
+    assert settled(copy)["nodes"] == before["nodes"]
+    assert sorted(group.name for group in bpy.data.node_groups) == ["Inner", "Outer"]

@@ -90,9 +90,27 @@ def restore_groups(tree: bpy.types.NodeTree) -> None:
     """Puts the originals back in the place of the copies that a material's tree shows."""
     copies = []
     for node in owned_groups(tree):
-        copies.append(node.node_tree)
-        node.node_tree = node.node_tree[TAG]
+        shown = node.node_tree
+        copies.append(shown)
+        if shown.library or user_count(shown) > 1:  # others still need what was added to it
+            node.node_tree = shown.copy()
+            copies.append(node.node_tree)
+        _remove_added(node.node_tree)
+        node.node_tree = shown[TAG]
     remove_unused(copies)
+
+
+def _remove_added(copy: bpy.types.NodeTree) -> None:
+    """Takes the sockets that ageing added from a copy, and so from the nodes that show it.
+
+    Blender 4.2.0 leaves them on a node that shows another group from then on, or whose group loses
+    them with their panel.
+    """
+    panel = _panel(copy)
+    if panel is not None:
+        for item in [item for item in copy.interface.items_tree if item.parent == panel]:
+            copy.interface.remove(item)
+        copy.interface.remove(panel)
 
 
 def remove_unused(copies: Iterable[bpy.types.NodeTree]) -> None:
@@ -146,15 +164,20 @@ def _new_socket(
     tree: bpy.types.NodeTree, like: bpy.types.NodeSocket, side: Literal["INPUT", "OUTPUT"]
 ) -> str:
     """The identifier of a socket added to a group, after all others: keys name these by number."""
-    items = tree.interface.items_tree
-    panels = (item for item in items if isinstance(item, bpy.types.NodeTreeInterfacePanel))
-    panel = next((item for item in panels if item.name == _PANEL), None)
+    panel = _panel(tree)
     if panel is None:
         panel = tree.interface.new_panel(_PANEL, default_closed=True)
     made = tree.interface.new_socket(
         like.name, in_out=side, socket_type=_TYPES[like.type], parent=panel
     )
     return made.identifier
+
+
+def _panel(tree: bpy.types.NodeTree) -> bpy.types.NodeTreeInterfacePanel | None:
+    """The panel of a group that holds all that was added to it."""
+    items = tree.interface.items_tree
+    panels = (item for item in items if isinstance(item, bpy.types.NodeTreeInterfacePanel))
+    return next((item for item in panels if item.name == _PANEL), None)
 
 
 def _with(identifier: str, sockets: Iterable[bpy.types.NodeSocket]) -> bpy.types.NodeSocket:
