@@ -22,7 +22,12 @@ FRAMES = 1000
 IOR, TINT = 1.6, (1.0, 0.75, 0.5)
 
 
-def build(extension: str, case: Path) -> bpy.types.Material:
+def build(
+    extension: str,
+    case: Path,
+    ior: float = IOR,
+    tint: tuple[float, float, float] = TINT,
+) -> bpy.types.Material:
     """The only thing in the scene: a plane whose material, as in the files, ages by the result."""
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
@@ -40,8 +45,8 @@ def build(extension: str, case: Path) -> bpy.types.Material:
         separate.outputs, ("Metallic", "Roughness", "Specular IOR Level"), strict=True
     ):
         links.new(source, principled.inputs[name])
-    principled.inputs["IOR"].default_value = IOR
-    principled.inputs["Specular Tint"].default_value = (*TINT, 1)
+    principled.inputs["IOR"].default_value = ior
+    principled.inputs["Specular Tint"].default_value = (*tint, 1)
     _add_plane(material)
     room = f"{extension}.tvbrdf_addon.material"
     bind, read, space = (

@@ -56,10 +56,27 @@ def make_case(folder: Path, name: str) -> PrincipledMaps:
     base = np.square(base)
     write_image(folder / "authored.exr", base)
     write_image(folder / "numbers.exr", numbers)
-    metallic, roughness, level = np.moveaxis(numbers, -1, 0)
-    ones = np.ones((SIZE, SIZE), np.float32)
-    tint = np.broadcast_to(np.array(TINT, np.float32), (SIZE, SIZE, 3))
-    return PrincipledMaps(base, metallic.copy(), level.copy(), roughness.copy(), IOR * ones, tint)
+    return as_authored(base, numbers)
+
+
+def as_authored(
+    base: np.ndarray,
+    numbers: np.ndarray,
+    ior: float = IOR,
+    tint: tuple[float, float, float] = TINT,
+) -> PrincipledMaps:
+    metallic, roughness, level = (
+        np.ascontiguousarray(each) for each in np.moveaxis(numbers, -1, 0)
+    )
+    size = metallic.shape
+    return PrincipledMaps(
+        base,
+        metallic,
+        level,
+        roughness,
+        np.full(size, ior, np.float32),
+        np.broadcast_to(np.array(tint, np.float32), (*size, 3)),
+    )
 
 
 def wanted(folder: Path, authored: PrincipledMaps, age: float) -> TorranceSparrowMaps:
@@ -131,6 +148,34 @@ def test_cycles_shows_what_the_runtime_says(
     assert len(list(render_ages(material, AGES, "CYCLES", tmp_path))) == len(AGES)
     found = compare(tmp_path, authored, CASES[name][0], AGES)
     print(name, found)
+    assert min(found.values()) >= DB, found
+
+
+@pytest.mark.parametrize("ior", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize("tint", [(1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.5)])
+def test_so_it_does_where_sockets_are_at_their_ends(
+    empty_scene: bpy.types.Scene,
+    tmp_path: Path,
+    tint: tuple[float, float, float],
+    ior: float,
+):
+    made_up_live(tmp_path / "live", count=3, size=(SIZE, SIZE))
+    rng = np.random.default_rng(3)
+
+    def pick(values: Sequence[float], channels: int) -> np.ndarray:
+        return rng.choice(np.array(values, np.float32), (SIZE, SIZE, channels))
+
+    gray, colored = pick((0, 0.02, 0.5, 1), 1), pick((0, 0.3, 1), 3)
+    base = np.where(rng.random((SIZE, SIZE, 1)) < 0.5, gray, colored)
+    ends = (pick((0, 0.5, 1), 1), pick((0, 0.01, 0.5, 1), 1), pick((0, 0.5, 1), 1))
+    numbers = np.concatenate(ends, -1)
+    write_image(tmp_path / "authored.exr", base)
+    write_image(tmp_path / "numbers.exr", numbers)
+    ages = AGES[:5]
+    material = build("tvbrdf", tmp_path, ior, tint)
+    assert len(list(render_ages(material, ages, "CYCLES", tmp_path))) == len(ages)
+    authored = as_authored(base, numbers, ior, tint)
+    found = compare(tmp_path, authored, "principled", ages)
     assert min(found.values()) >= DB, found
 
 

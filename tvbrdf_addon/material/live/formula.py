@@ -30,7 +30,7 @@ __all__ = (
 )
 
 # Numbers and vectors are many: they are collapsed, and read as a formula.
-_COLLAPSED = ("MATH", "VECT_MATH", "MIX", "SEPXYZ")
+_COLLAPSED = ("MATH", "VECT_MATH", "MIX", "SEPXYZ", "SEPARATE_COLOR")
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Triple:
     def __add__(self, other: Vectorial) -> Triple:
         return self.canvas.vector_math("ADD", self, other)
 
-    def __sub__(self, other: Vectorial) -> Triple:
+    def __sub__(self, other: Vectorial | Numeric) -> Triple:
         return self.canvas.vector_math("SUBTRACT", self, other)
 
     def __mul__(self, other: Vectorial | Number) -> Triple:
@@ -108,10 +108,7 @@ class Triple:
     def maximum(self, other: Vectorial) -> Triple:
         return self.canvas.vector_math("MAXIMUM", self, other)
 
-    def ceil(self) -> Triple:
-        return self.canvas.vector_math("CEIL", self)
-
-    def scaled(self, factor: Vectorial, offset: Vectorial) -> Triple:
+    def scaled(self, factor: Vectorial | Numeric, offset: Vectorial) -> Triple:
         return self.canvas.vector_math("MULTIPLY_ADD", self, factor, offset)
 
     def channels(self) -> tuple[Number, Number, Number]:
@@ -125,8 +122,9 @@ class Triple:
         return red.minimum(green).minimum(blue)
 
     def largest(self) -> Number:
-        red, green, blue = self.channels()
-        return red.maximum(green).maximum(blue)
+        """Of the three channels, which HSV calls the value."""
+        node = self.canvas.add("ShaderNodeSeparateColor", self, mode="HSV")
+        return Number(self.canvas, node.outputs[2])
 
 
 Numeric: TypeAlias = Number | float
@@ -134,7 +132,7 @@ Vectorial: TypeAlias = Triple | tuple[float, float, float]
 _Given: TypeAlias = "Numeric | Vectorial"
 
 
-def dot(a: Triple, b: Triple) -> Number:
+def dot(a: Triple, b: Vectorial) -> Number:
     node = a.canvas.add("ShaderNodeVectorMath", a, b, operation="DOT_PRODUCT")
     return Number(a.canvas, node.outputs["Value"])
 
@@ -199,7 +197,7 @@ class Canvas:
         node = self.add("ShaderNodeMath", *operands, operation=operation, use_clamp=clamp)
         return Number(self, node.outputs["Value"])
 
-    def vector_math(self, operation: str, *operands: Vectorial) -> Triple:
+    def vector_math(self, operation: str, *operands: _Given) -> Triple:
         node = self.add("ShaderNodeVectorMath", *operands, operation=operation)
         return Triple(self, node.outputs["Vector"])
 
@@ -229,7 +227,8 @@ class Canvas:
         if isinstance(value, (Number, Triple)):
             self._tree.links.new(value.socket, socket)
         else:
-            socket.default_value = value
+            spread = socket.type == "VECTOR" and isinstance(value, float)
+            socket.default_value = (value,) * 3 if spread else value
 
     def _input(self, name: str) -> bpy.types.NodeSocket:
         """Of a Group Input in each stage, which shows what is used there."""

@@ -13,7 +13,7 @@ from ....model_runtime.live.evaluate import ROUGHNESS_MIN, Curves
 from ...known import image_texture
 from ..result import LiveFiles
 from .arrange import arrange
-from .formula import Canvas, Number, Triple, greater, where, where3
+from .formula import Canvas, Number, Numeric, Triple, dot, greater, where, where3
 from .mapping import exact_group, forward_group, new_group, read_back_group
 from .stops import Array, stops_of
 
@@ -29,10 +29,11 @@ OUTPUTS = {
 }
 """What the group gives, by the format of the result."""
 
+_NONE = (0.0, 0.0, 0.0)
 _UNTIL = "As authored until something ages"
 
 _HALF_ZERO = 2.0**-15
-"""What Cycles makes of 0 in an image of half floats."""
+"""What Cycles makes of 0 in an image of half floats: so small a local age is none."""
 
 _Texture = Callable[[Path, str], Triple]
 
@@ -74,7 +75,7 @@ def aged_group(
     local = _local_age(canvas, age, maps.timing, texture)
     start = _forward(canvas)
     state = _changed(canvas, start, local, curves, maps.coefficients, texture)
-    result = _GIVE[maps.format](canvas, start, _limited(canvas, state), local)
+    result = _GIVE[maps.format](canvas, start, state, local)
     with canvas.stage("Result"):
         canvas.give(dict(zip(OUTPUTS[maps.format], result, strict=True)))
     arrange(group)
@@ -102,7 +103,6 @@ def _local_age(canvas: Canvas, age: str, timing: Path | None, texture: _Texture)
         if timing is None:
             return t.clamp()
         onset, rate, start = texture(timing, "Onset, rate, start").channels()
-        start = (start - _HALF_ZERO).maximum(0.0)
         return (t - onset).maximum(0.0).scaled(rate, start).clamp()
 
 
@@ -123,34 +123,44 @@ def _changed(
     coefficients: tuple[Path, ...],
     texture: _Texture,
 ) -> _State:
-    """y(a) = G(a) y0 + O(a) + sum_k c_k V_k(a)."""
+    """y(a) = G(a) y0 + O(a) + sum_k c_k V_k(a).
+
+    As a ramp holds nothing below 0, O and V_k are raised by their depths D, at once for all
+    channels, and O's and sum_k c_k D_k are taken off the sum.
+    """
     with canvas.stage("Gain"):
-        gain = _curves(canvas, local, curves.gain)
+        gain = _ramps(canvas, local, curves.gain)
     with canvas.stage("Offset"):
-        offset = _curves(canvas, local, curves.offset)
-    changes = []
+        depth = _depth(curves.offset)
+        total = _ramps(canvas, local, curves.offset + depth)
+    raised: Numeric = depth
     for number, shape in enumerate(curves.shapes):
         channel = number % COEFFICIENTS_A_FILE
         if channel == 0:
             with canvas.stage("Coefficients"):
                 path = coefficients[number // COEFFICIENTS_A_FILE]
-                shares = texture(path, "Coefficients").channels()
-        with canvas.stage(f"Change {number + 1}"):
-            change = _curves(canvas, local, shape)
-            share = shares[channel]
-            changes.append(_State(change.kd * share, change.ks * share, change.roughness * share))
-    with canvas.stage("Gain · authored + offset + changes"):
-        for plus in changes:
-            kd, ks = offset.kd + plus.kd, offset.ks + plus.ks
-            offset = _State(kd, ks, offset.roughness + plus.roughness)
-        return _State(
-            state.kd.scaled(gain.kd, offset.kd),
-            state.ks.scaled(gain.ks, offset.ks),
-            state.roughness.scaled(gain.roughness, offset.roughness),
-        )
+                texel = texture(path, "Coefficients")
+                shares = texel.channels()
+                depths = [_depth(each) for each in curves.shapes[number:][:COEFFICIENTS_A_FILE]]
+                red, green, blue = depths + [0.0] * (COEFFICIENTS_A_FILE - len(depths))
+                raised = dot(texel, (red, green, blue)) + raised
+        with canvas.stage(f"+ coefficient · change {number + 1}"):
+            change, share = _ramps(canvas, local, shape + depths[channel]), shares[channel]
+            kd, ks = change.kd.scaled(share, total.kd), change.ks.scaled(share, total.ks)
+            total = _State(kd, ks, change.roughness.scaled(share, total.roughness))
+    with canvas.stage("Gain · authored + offset + changes, and its limits"):
+        kd = state.kd.scaled(gain.kd, total.kd) - raised
+        ks = state.ks.scaled(gain.ks, total.ks) - raised
+        roughness = state.roughness.scaled(gain.roughness, total.roughness) - raised
+        roughness = roughness.maximum(ROUGHNESS_MIN).minimum(1.0)
+        return _State(kd.maximum(_NONE), ks.maximum(_NONE), roughness)
 
 
-def _curves(canvas: Canvas, local: Number, curve: Array) -> _State:
+def _depth(curve: Array) -> float:
+    return max(-float(curve.min()), 0.0)
+
+
+def _ramps(canvas: Canvas, local: Number, curve: Array) -> _State:
     """One row of curves [T, 7] at the local age: a ramp for Kd and roughness, one for Ks."""
     kd, roughness = _ramp(canvas, local, curve[:, [0, 1, 2, 6]], "Kd, roughness as alpha")
     ks, _ = _ramp(canvas, local, curve[:, [3, 4, 5, 5]], "Ks")
@@ -166,18 +176,7 @@ def _ramp(canvas: Canvas, local: Number, curve: Array, label: str) -> tuple[Trip
         elements.new(position)
     for element, value in zip(elements, stops.values, strict=True):
         element.color = value
-    *span, alpha_span = stops.span
-    *least, alpha_least = stops.least
-    factor, offset = (span[0], span[1], span[2]), (least[0], least[1], least[2])
-    color = Triple(canvas, node.outputs["Color"]).scaled(factor, offset)
-    return color, Number(canvas, node.outputs["Alpha"]).scaled(alpha_span, alpha_least)
-
-
-def _limited(canvas: Canvas, state: _State) -> _State:
-    with canvas.stage("Limits"):
-        none = (0.0, 0.0, 0.0)
-        roughness = state.roughness.maximum(ROUGHNESS_MIN).minimum(1.0)
-        return _State(state.kd.maximum(none), state.ks.maximum(none), roughness)
+    return Triple(canvas, node.outputs["Color"]), Number(canvas, node.outputs["Alpha"])
 
 
 def _give_authored(
@@ -195,7 +194,7 @@ def _give_authored(
             Number(canvas, node.outputs[each]) for each in ("Metallic", "Specular IOR Level")
         )
     with canvas.stage(_UNTIL):
-        aged = greater(local, 0.0)
+        aged = greater(local, _HALF_ZERO)
         return (
             where3(aged, base, canvas.triple("Base Color")),
             where(aged, metallic, canvas.number("Metallic")),
@@ -216,7 +215,7 @@ def _give_exact(
 
 def _give_torrance_sparrow(canvas: Canvas, start: _State, state: _State, local: Number) -> _State:
     with canvas.stage(_UNTIL):
-        aged = greater(local, 0.0)
+        aged = greater(local, _HALF_ZERO)
         return _State(
             where3(aged, state.kd, start.kd),
             where3(aged, state.ks, start.ks),

@@ -16,8 +16,11 @@ from .formula import Canvas, Number, Triple, dot, greater, less, where, where3
 
 __all__ = ("exact_group", "forward_group", "new_group", "read_back_group")
 
+_NONE, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 _TINY = 1e-30
 _FAR = 1e12
+# Small enough to be nothing, and the second by far larger than the first.
+_LEAST_TINT, _LEAST_KS = (1e-10, 1e-10, 1e-10), (1e-8, 1e-8, 1e-8)
 
 _TYPES = {
     **dict.fromkeys(("Kd", "Ks", "Vector"), "NodeSocketVector"),
@@ -81,80 +84,77 @@ def _shared(
 
 def _forward(canvas: Canvas) -> dict[str, Number | Triple]:
     with canvas.stage("F0 = 2 ((n - 1) / (n + 1))² · level · tint"):
-        ratio = _ratio(canvas)
         level = canvas.number("Specular IOR Level").maximum(0.0)
-        f0 = canvas.triple("Specular Tint").maximum((0.0, 0.0, 0.0)) * (ratio * ratio * 2.0 * level)
+        f0 = canvas.triple("Specular Tint").maximum(_NONE) * (_f0_per_level(canvas) * level)
     with canvas.stage("Kd = base (1 - metallic),  Ks = base · metallic + F0 (1 - metallic)"):
-        base = canvas.triple("Base Color").maximum((0.0, 0.0, 0.0))
-        metallic = canvas.number("Metallic").clamp()
-        dielectric = 1.0 - metallic
-        return {"Kd": base * dielectric, "Ks": base * metallic + f0 * dielectric}
+        base = canvas.triple("Base Color").maximum(_NONE)
+        # A mix clamps its share.
+        metallic = canvas.number("Metallic")
+        return {"Kd": where3(metallic, _NONE, base), "Ks": where3(metallic, base, f0)}
 
 
-def _ratio(canvas: Canvas) -> Number:
+def _f0_per_level(canvas: Canvas) -> Number:
     ior = canvas.number("IOR").maximum(1e-5)
-    return (ior - 1.0) / (ior + 1.0)
+    ratio = (ior - 1.0) / (ior + 1.0)
+    return ratio * ratio * 2.0
 
 
 def _read_back(canvas: Canvas) -> dict[str, Number | Triple]:
-    """The steps of `_Texels.nearest`; a division by 0 gives 0 here, and NaN or infinity there."""
-    none, one = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    """The steps of `_Texels.nearest`, bounds and all for q = 1 - metallic instead of metallic; a
+    division by 0 gives 0 here, and NaN or infinity there.
+    """
     with canvas.stage("F0's strength along the tint"):
-        authored = canvas.triple("Specular Tint").maximum(none)
+        authored = canvas.triple("Specular Tint").maximum(_NONE)
         tinted = greater(dot(authored, authored), _TINY)
-        tint = where3(tinted, authored, one)
+        tint = where3(tinted, authored, _ONE).maximum(_LEAST_TINT)
         tint2 = dot(tint, tint)
-        ratio = _ratio(canvas)
-        per_level = ratio * ratio * 2.0 * tinted
-        most_level = canvas.number("Specular IOR Level").maximum(1.0)
-        most_f0 = per_level * most_level
+        per_level = _f0_per_level(canvas) * tinted
+        most_f0 = per_level * canvas.number("Specular IOR Level").maximum(1.0)
     with canvas.stage("Kd and Ks along the tint and across"):
-        kd, ks = canvas.triple("Kd").maximum(none), canvas.triple("Ks").maximum(none)
+        kd, ks = canvas.triple("Kd"), canvas.triple("Ks")
         kd_along, ks_along = dot(kd, tint) / tint2, dot(ks, tint) / tint2
         along = kd_along + ks_along
         across = kd + ks - tint * along
         ks_across = ks - tint * ks_along
     with canvas.stage("Metallic: Ks = metallic (Kd + Ks) across the tint, else as authored"):
-        pull = (kd_along.minimum(ks_along) * PULL).square() + (along * 1e-6).square() + _TINY
-        wanted = dot(ks_across, across) + pull * canvas.number("Metallic").clamp()
-        metallic = wanted / (dot(across, across) + pull)
-    with canvas.stage("Its bounds: no F0 below 0 or above its most, no base color above its most"):
-        discriminant = along.square() - most_f0 * kd_along * 4.0
-        root = discriminant.sqrt() + along
-        least = 1.0 - kd_along * 2.0 / root
-        other = 1.0 - root / (most_f0 * 2.0).maximum(1 / _FAR)
-        most_base = canvas.triple("Base Color").maximum(one)
-        most = (1.0 - kd_along / along).minimum(1.0 - (kd / most_base).largest())
-        full_metal = 1.0 - less(most, 1.0)
-        beyond = full_metal * greater((ks - most_base).largest(), 0.0)
-        most = where(beyond, most.minimum(other), most)
+        half = along * 0.5
+        half2, weaker = half.square(), kd_along.minimum(ks_along)
+        pull = weaker.square().scaled(PULL**2, half2.scaled(4e-12, _TINY))
+        wanted = pull.scaled(canvas.number("Metallic").clamp(), dot(ks_across, across))
+        q = 1.0 - wanted / (dot(across, across) + pull)
+    with canvas.stage("q's bounds: no F0 below 0 or above its most, no base above its most"):
+        root = (half2 - most_f0 * kd_along).sqrt() + half
+        above, below = kd_along / root, root / most_f0.maximum(1 / _FAR)
+        most_base = canvas.triple("Base Color").maximum(_ONE)
+        least = (kd_along / along).maximum((kd / most_base).largest())
+        # A full metal has Ks in its base color alone.
+        beyond = less(least, 1e-7) * greater((ks - most_base).largest(), 0.0)
+        least = beyond.scaled(below, least)
     with canvas.stage("Out of the gap between the bounds, to the nearer one"):
-        metallic = metallic.minimum(most)
-        in_gap = greater(metallic, other) * less(metallic, least) * (1.0 - less(discriminant, 0.0))
-        nearer = less(metallic - other, least - metallic).maximum(greater(least, most))
-        down = nearer * greater(other, -1e-6)
-        metallic = where(in_gap, where(down, other, least), metallic).minimum(most).clamp()
+        q = q.maximum(least)
+        in_gap = less(q, below) * greater(q, above)
+        nearer = less(below - q, q - above).maximum(less(above, least))
+        up = nearer * less(below, 1 + 1e-6)
+        q = where(in_gap, where(up, below, above), q).maximum(least).clamp()
     with canvas.stage("F0 and the specular level"):
-        q = 1.0 - metallic
-        untinted = tint.minimum(one).ceil().scaled((-_FAR, -_FAR, -_FAR), (_FAR, _FAR, _FAR))
-        share = (ks / tint + untinted).least()
-        f0 = ((along * q - kd_along) / q.square()).minimum(share / q)
+        # A channel without tint limits no F0, whatever its Ks.
+        share = (ks.maximum(_LEAST_KS) / tint).least()
+        f0 = (along - kd_along / q).minimum(share) / q
         f0 = f0.maximum(0.0).minimum(most_f0)
-        free = (1.0 - greater(q, 0.0)).maximum(1.0 - greater(per_level, 0.0))
-        level = where(
-            free, canvas.number("Specular IOR Level"), (f0 / per_level).minimum(most_level)
-        )
+        free = q.minimum(per_level)
+        level = where(greater(free, 0.0), f0 / per_level, canvas.number("Specular IOR Level"))
     with canvas.stage("Base color: least squares of Kd = q base and Ks - q F0 = metallic base"):
-        base = (ks - tint * (q * f0)) * metallic + kd * q
-        base = base * (1.0 / (q.square() + metallic.square()))
-        base = base.maximum(none).minimum(most_base)
+        metallic = 1.0 - q
+        base = where3(q, kd, ks - tint * (q * f0))
+        base = base * (1.0 / q.scaled(q, metallic.square()))
+        base = base.maximum(_NONE).minimum(most_base)
     return {"Base Color": base, "Metallic": metallic, "Specular IOR Level": level}
 
 
 def _exact(canvas: Canvas) -> dict[str, Number | Triple]:
     with canvas.stage("Specular Tint = Ks / 0.8,  Base Color = Kd / (1 - max Ks)"):
         most, per_f0 = (EXACT_F0, EXACT_F0, EXACT_F0), 1 / EXACT_F0
-        ks = canvas.triple("Ks").maximum((0.0, 0.0, 0.0)).minimum(most)
+        ks = canvas.triple("Ks").minimum(most)
         base = canvas.triple("Kd") * (1.0 / (1.0 - ks.largest()))
-        base = base.maximum((0.0, 0.0, 0.0)).minimum((1.0, 1.0, 1.0))
+        base = base.minimum(_ONE)
         return {"Base Color": base, "Specular Tint": ks * (per_f0, per_f0, per_f0)}

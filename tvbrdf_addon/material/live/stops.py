@@ -16,14 +16,12 @@ Array = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Stops:
-    """A curve as a ramp holds it: at `positions` [S], 0 to 1, it is `values` [S, C] times `span`
-    [C] plus `least` [C], and straight between them.  `values` are from 0 to 1.
+    """A curve as a ramp holds it: at `positions` [S], 0 to 1, it is `values` [S, C], and straight
+    between them.
     """
 
     positions: tuple[float, ...]
     values: Array
-    span: tuple[float, ...]
-    least: tuple[float, ...]
 
 
 def stops_of(curve: Array) -> Stops:
@@ -32,9 +30,8 @@ def stops_of(curve: Array) -> Stops:
     Of more than a ramp holds, those are taken one by one where what is between them is farthest
     from the curve.
     """
-    least = curve.min(0)
     span = np.ptp(curve, 0)
-    values = (curve - least) / np.where(span > 0, span, 1)
+    values = curve / np.where(span > 0, span, 1)
     at = np.linspace(0, 1, len(curve))
     kept = [0, len(curve) - 1]
     while len(kept) < min(MOST, len(curve)):
@@ -43,6 +40,4 @@ def stops_of(curve: Array) -> Stops:
         if not away.any():
             break
         kept = sorted((*kept, int(away.argmax())))
-    return Stops(
-        tuple(at[kept].tolist()), values[kept], tuple(span.tolist()), tuple(least.tolist())
-    )
+    return Stops(tuple(at[kept].tolist()), curve[kept])
