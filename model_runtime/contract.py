@@ -52,7 +52,6 @@ __all__ = (
     "Binding",
     "Format",
     "Quality",
-    "Rung",
     "Specular",
     "Stage",
     "Told",
@@ -88,7 +87,7 @@ DRAFT: Final = "draft"
 BALANCED: Final = "balanced"
 EXACT: Final = "exact"
 Quality = Literal["draft", "balanced", "exact"]
-QUALITIES: Mapping[Quality, Told] = {
+QUALITIES: Mapping[str, Told] = {
     DRAFT: Told("Draft", "A quick look, not checked: few distinct materials are modelled"),
     BALANCED: Told("Balanced", "Models as little as the tolerance allows, and checks that it does"),
     EXACT: Told(
@@ -103,18 +102,17 @@ CONSTANT: Final = "constant"
 AFFINE: Final = "affine"
 LSTM_PARAMETERS: Final = "lstm_parameters"
 LSTM_LATENTS: Final = "lstm_latents"
-Rung = Literal["constant", "affine", "lstm_parameters", "lstm_latents"]
-RUNGS: Mapping[Rung, Told] = {
+RUNGS: Mapping[str, Told] = {
     CONSTANT: Told("Constant", "Nothing changes: what the other models are held against"),
     AFFINE: Told("Affine", "Scale and offset of every channel over time"),
     LSTM_PARAMETERS: Told("LSTM on Parameters", "A network predicts the reflectance parameters"),
     LSTM_LATENTS: Told("LSTM on Latents", "The neural temporal model of the paper"),
 }
-LADDER: tuple[Rung, ...] = (*RUNGS,)
+LADDER = (*RUNGS,)
 """Cheapest first; the last works on latents, the others on parameters."""
 
 Specular = Literal["rgb", "mono"]
-SPECULARS: Mapping[Specular, Told] = {
+SPECULARS: Mapping[str, Told] = {
     "rgb": Told("Colored", "Highlights may take on a color, as metals do"),
     "mono": Told("Gray", "Highlights stay gray"),
 }
@@ -123,7 +121,7 @@ SPECULARS: Mapping[Specular, Told] = {
 LIVE: Final = "live"
 FRAMES: Final = "frames"
 Binding = Literal["live", "frames"]
-BINDINGS: Mapping[Binding, Told] = {
+BINDINGS: Mapping[str, Told] = {
     LIVE: Told(
         "Live",
         "The shader ages your own nodes at any age: small files, no reloading, and an age of its "

@@ -14,7 +14,6 @@ Blender ended.
 
 from __future__ import annotations
 
-import json
 import os
 import queue
 import sys
@@ -28,6 +27,18 @@ from . import __version__
 from .contract import PROTOCOL
 from .errors import Cancelled, TvbrdfError, UsageError, reason, shown
 from .memory import memory_in_words
+from .messages import (
+    Alive,
+    Done,
+    Failed,
+    Loaded,
+    Message,
+    Notice,
+    Progress,
+    Ready,
+    Reply,
+    Request,
+)
 from .request import MissingLibraryError, cards, load_age, request_from
 
 __all__ = ("Server", "claim_stdout", "serve")
@@ -59,12 +70,12 @@ class Server:
 
     def serve(self) -> None:
         """Announce readiness, then age what is asked for until there is a reason to end."""
-        self._reply({"type": "ready", "protocol": PROTOCOL, "version": __version__})
+        self._say(Ready(PROTOCOL, __version__))
         self._busy.set()
         for work in (self._read, self._give_signs_of_life):
             threading.Thread(target=work, daemon=True).start()
         _warm_up()
-        self._reply({"id": None, "type": "loaded"})
+        self._say(Loaded())
         while True:
             self._busy.clear()
             try:
@@ -78,7 +89,7 @@ class Server:
 
     def _give_signs_of_life(self) -> None:
         while self._busy.wait():
-            self._reply({"id": None, "type": "alive"})
+            self._say(Alive())
             time.sleep(HEARTBEAT_SECONDS)
 
     def _read(self) -> None:
@@ -86,7 +97,7 @@ class Server:
             while line := self._requests.readline(LONGEST_LINE):
                 if len(line) == LONGEST_LINE and not line.endswith(b"\n"):
                     self._skip_line()
-                    self._reply_error(None, "protocol", "This line is too long for a request.")
+                    self._refuse(None, "This line is too long for a request.")
                 elif line.strip() and not self._handle(line):
                     break
         finally:
@@ -98,46 +109,37 @@ class Server:
 
     def _handle(self, line: bytes) -> bool:
         """Answer one request or queue its run; False where it was the last one."""
-        try:
-            request = json.loads(line.decode())
-            request_id, verb, args = request["id"], request["verb"], request.get("args")
-            if not isinstance(request_id, int | str) or not isinstance(args, dict | None):
-                raise TypeError(request)
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        request = Request.read(line)
+        if request is None:
             start = shown(line[:200].decode(errors="replace").strip())
-            self._reply_error(None, "protocol", f"This is not a request: {start}")
+            self._refuse(None, f"This is not a request: {start}")
             return True
-        args = args or {}
-        match verb:
+        match request.verb:
             case "age":
-                self._accept(_Run(self, request_id, args))
+                self._accept(_Run(self, request))
             case "cancel":
-                self._answer(request_id, lambda: self._cancel_run(args.get("id")))
+                self._answer(request.id, lambda: self._cancel_run(request.args.get("id")))
             case "info":
-                self._answer(request_id, lambda: _cards(args))
+                self._answer(request.id, lambda: _cards(request.args))
             case "shutdown":
-                self._reply({"id": request_id, "type": "done", "result": {}})
+                self._say(Done({}), request.id)
                 return False
             case _:
-                self._reply_error(request_id, "protocol", f"There is no verb {shown(verb)}.")
+                self._refuse(request.id, f"There is no verb {shown(request.verb)}.")
         return True
 
     def _accept(self, run: _Run) -> None:
         with self._run_lock:
             if self._run is not None:
-                self._reply_error(
-                    run.request_id,
-                    "busy",
-                    "The worker is busy with another run.",
-                    "Wait for it to end, or cancel it.",
-                )
+                busy = "The worker is busy with another run.", "Wait for it to end, or cancel it."
+                self._say(Failed("busy", *busy), run.id)
                 return
             self._run = run
         self._runs.put(run)
 
     def _cancel_run(self, request_id: Any) -> dict[str, Any]:
         with self._run_lock:
-            if self._run is None or request_id not in (None, self._run.request_id):
+            if self._run is None or request_id not in (None, self._run.id):
                 raise UsageError("There is no such run to cancel.", "It may have just ended.")
             self._run.cancel()
         return {}
@@ -161,28 +163,30 @@ class Server:
                 with self._run_lock:
                     self._run = None
 
-        self._answer(run.request_id, age)
+        self._answer(run.id, age)
 
-    def _answer(self, request_id: Any, compute: Callable[[], Any]) -> None:
+    def _answer(self, request_id: int | str, compute: Callable[[], Any]) -> None:
         """Reply with what `compute` returns, or why it does not."""
         try:
             with memory_in_words("Choose a smaller size or fewer frames."):
-                reply = {"type": "done", "result": compute()}
-                json.dumps(reply)
+                line = Reply(Done(compute()), request_id).line()
         except TvbrdfError as error:
-            reply = _error(error.code, error.message, error.hint)
+            line = Reply(Failed(error.code, error.message, error.hint), request_id).line()
         except Exception as error:
             traceback.print_exc()
-            reply = _unforeseen(error)
-        self._reply({"id": request_id} | reply)
+            line = Reply(_unforeseen(error), request_id).line()
+        self._write(line)
 
-    def _reply_error(self, request_id: Any, code: str, message: str, hint: str = "") -> None:
-        self._reply({"id": request_id} | _error(code, message, hint))
+    def _refuse(self, request_id: int | str | None, message: str) -> None:
+        self._say(Failed("protocol", message, ""), request_id)
 
-    def _reply(self, message: Mapping[str, Any]) -> None:
+    def _say(self, message: Message, request_id: int | str | None = None) -> None:
+        self._write(Reply(message, request_id).line())
+
+    def _write(self, line: str) -> None:
         with self._reply_lock:
             try:
-                self._replies.write(json.dumps(message) + "\n")
+                self._replies.write(line + "\n")
                 self._replies.flush()
             except (OSError, ValueError):
                 # Nobody listens any more: stdin closes as well, which ends the process.
@@ -192,10 +196,10 @@ class Server:
 class _Run:
     """One `age` request, and the reporter that it gives to `age`."""
 
-    def __init__(self, server: Server, request_id: Any, args: Mapping[str, Any]) -> None:
-        self.request_id = request_id
+    def __init__(self, server: Server, request: Request) -> None:
+        self.id = request.id
         self._server = server
-        self._args = args
+        self._args = request.args
         self._cancelled = threading.Event()
 
     def age(self) -> dict[str, Any]:
@@ -208,12 +212,10 @@ class _Run:
         self._cancelled.set()
 
     def progress(self, stage: str, fraction: float) -> None:
-        self._server._reply(
-            {"id": self.request_id, "type": "progress", "stage": stage, "fraction": fraction}
-        )
+        self._server._say(Progress(stage, fraction), self.id)
 
     def warning(self, message: str) -> None:
-        self._server._reply({"id": self.request_id, "type": "warning", "message": message})
+        self._server._say(Notice(message), self.id)
 
     def cancelled(self) -> bool:
         return self._cancelled.is_set()
@@ -260,12 +262,6 @@ def _cards(args: Mapping[str, Any]) -> list[dict[str, Any]]:
     return cards(ntm)
 
 
-def _unforeseen(error: Exception) -> dict[str, Any]:
-    reply = _error(
-        "internal", f"This should not happen ({type(error).__name__}: {reason(error)}).", ""
-    )
-    return reply | {"details": traceback.format_exc()}
-
-
-def _error(code: str, message: str, hint: str) -> dict[str, Any]:
-    return {"type": "error", "code": code, "message": message, "hint": hint}
+def _unforeseen(error: Exception) -> Failed:
+    message = f"This should not happen ({type(error).__name__}: {reason(error)})."
+    return Failed("internal", message, "", traceback.format_exc())

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import tests.conftest  # noqa: F401 (finds the extension)
 from tests.scripted_worker import READY
+from tvbrdf.model_runtime.messages import Ready
 from tvbrdf.tvbrdf_addon.errors import WorkerError
 from tvbrdf.tvbrdf_addon.worker import Done, Launch, Worker, run
 
@@ -49,7 +50,7 @@ def fails(worker: Worker, args: dict) -> None:
 
 def started(worker: Worker) -> Worker:
     worker.start()
-    while not any(message["type"] == "ready" for message in worker.poll()):
+    while not any(isinstance(reply.message, Ready) for reply in worker.poll()):
         time.sleep(0.01)
     return worker
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tvbrdf.tvbrdf_addon.estimate import Rates, Work, in_bytes, in_time
+from tvbrdf.tvbrdf_addon.estimate import in_bytes, in_time
+from tvbrdf.tvbrdf_addon.rates import Rates, Work
 
 BALANCED = Work(texels=1024 * 1024, frames=36, quality="balanced", temporal_model="affine")
 

@@ -239,6 +239,6 @@ for reply in ({"type": "warning", "message": bad}, {"type": "error", "message": 
     heard: list[object] = []
     with pytest.raises(WorkerError) as caught:
         all_of(run(rude, "age", {}), heard.append)
-    for text in (heard[0].text, caught.value.message, caught.value.hint):
+    for text in (heard[0].message, caught.value.message, caught.value.hint):
         assert text.startswith(r"caf\udce9 \x1b[2Jxxx")
         assert len(text.encode()) < 2000

@@ -16,7 +16,16 @@ from pathlib import Path
 import bpy
 
 from ..model_runtime.console import Parser
-from ..model_runtime.contract import RANGES
+from ..model_runtime.contract import (
+    AUTO,
+    BINDINGS,
+    CHOICES,
+    EVERYWHERE,
+    QUALITIES,
+    RANGES,
+    SPECULARS,
+    option,
+)
 from ..model_runtime.model_files import weights
 from . import preferences, properties, session
 from .errors import SettingsError
@@ -29,7 +38,6 @@ from .output import folder_meant
 __all__ = ("main", "register", "unregister")
 
 NAME = "age_material"
-AUTOMATIC = "auto"
 # Before the name of a color attribute, where an image could stand.
 ATTRIBUTE = "attribute:"
 # What a whole number in Blender can hold.
@@ -107,7 +115,7 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
     _apply_onset(arguments, settings)
     if arguments.output is not None:
         settings.output = _output(arguments.output)
-    if arguments.size == AUTOMATIC:
+    if arguments.size == AUTO:
         settings.use_camera_size = True
     elif arguments.size is not None:
         settings.size = arguments.size
@@ -120,7 +128,7 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
 
 def _apply_onset(arguments: argparse.Namespace, settings: properties.TVBRDF_PG_material) -> None:
     onset = arguments.onset
-    if onset in ("auto", "none"):
+    if onset in (AUTO, EVERYWHERE):
         settings.onset = onset
     elif onset is not None and onset.startswith(ATTRIBUTE):
         settings.onset, settings.onset_attribute = "attribute", onset.removeprefix(ATTRIBUTE)
@@ -237,14 +245,14 @@ def _parser() -> argparse.ArgumentParser:
         help="white first, black last",
     )
     parser.add_argument("--seed", type=_whole(0, LARGEST), metavar="N", help="of the onset (0)")
-    for option, items in (
-        ("--quality", properties.QUALITIES),
-        ("--temporal-model", properties.TEMPORAL_MODELS),
-        ("--binding", properties.BINDINGS),
-        ("--format", properties.FORMATS),
-        ("--specular", properties.SPECULARS),
+    for name, choices in (
+        ("quality", QUALITIES),
+        ("temporal_model", CHOICES["temporal_model"]),
+        ("binding", BINDINGS),
+        ("format", properties.SHOWN),
+        ("specular", SPECULARS),
     ):
-        parser.add_argument(option, choices=[item[0] for item in items])
+        parser.add_argument(option(name), choices=[*choices])
     return parser
 
 
@@ -273,7 +281,7 @@ def _whole(least: int, most: int):
 
 
 def _size(text: str) -> int | str:
-    return text if text == AUTOMATIC else _whole(16, 8192)(text)
+    return text if text == AUTO else _whole(16, 8192)(text)
 
 
 def _decibels(text: str) -> float:

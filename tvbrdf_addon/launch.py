@@ -8,6 +8,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..model_runtime.contract import IDLE_MINUTES, IDLE_OPTION, SERVE
 from .errors import WorkerError
 
 __all__ = ("ENVIRONMENT_VARIABLE", "Launch")
@@ -35,7 +36,7 @@ class Launch:
     runtime: Path
     site_packages: tuple[Path, ...] = ()
     interpreter: str = ""
-    idle_minutes: float = 10.0
+    idle_minutes: float = IDLE_MINUTES
 
     def command(self) -> list[str]:
         """The command line of the worker.
@@ -43,7 +44,7 @@ class Launch:
         Raises:
             WorkerError: the chosen interpreter is not there, or not given by its whole path.
         """
-        arguments = ["serve", "--idle-minutes", f"{self.idle_minutes:g}"]
+        arguments = [SERVE, IDLE_OPTION, f"{self.idle_minutes:g}"]
         path = self._chosen()
         if path is None:
             paths = [str(self.runtime), *map(str, self.site_packages)]

@@ -15,15 +15,16 @@ from typing import Any
 
 import bpy
 
+from ..model_runtime.contract import AUTO, BALANCED, EVERYWHERE, LIVE, LSTM_LATENTS
 from . import preferences, properties
 from .errors import MaterialError
-from .estimate import Estimate, Rates, Work
 from .known import known
 from .material.nodes.revert import is_aged
 from .material.nodes.surface import find_principled
 from .material.reading.onset import is_painted, showing
 from .material.reading.space import Space, choose_space, image_size
 from .material.result import result_folder
+from .rates import Estimate, Rates, Work
 from .sentences import report_in
 
 __all__ = ("Forecast", "forecast", "is_worth_a_preview", "learn", "unregister")
@@ -89,10 +90,10 @@ def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast |
         frames=settings.steps,
         quality=settings.quality,
         temporal_model=_temporal_model(settings),
-        live=settings.binding == "live",
+        live=settings.binding == LIVE,
     )
     rates = _kept_rates()
-    return Forecast(size, why, rates.of(work), rates.of(replace(work, quality="balanced")))
+    return Forecast(size, why, rates.of(work), rates.of(replace(work, quality=BALANCED)))
 
 
 def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> bool:
@@ -120,16 +121,16 @@ def _kept_rates() -> Rates:
 
 
 def _temporal_model(settings: properties.TVBRDF_PG_material) -> str:
-    if settings.temporal_model != "auto":
+    if settings.temporal_model != AUTO:
         return settings.temporal_model
     card = properties.card_of(settings)
     # Of an unknown model the slowest is to be expected.
-    return (properties.usual_model(card) if card is not None else None) or "lstm_latents"
+    return (properties.usual_model(card) if card is not None else None) or LSTM_LATENTS
 
 
 def _size(settings: properties.TVBRDF_PG_material, look: _Look) -> tuple[tuple[int, int], str]:
     longer, why = (look.seen, look.why) if settings.use_camera_size else (settings.size, "")
-    if look.kind == "uniform" and settings.onset == "none":
+    if look.kind == "uniform" and settings.onset == EVERYWHERE:
         return (1, 1), ""
     height, width = look.images or (longer, longer)
     if look.images is not None and settings.use_camera_size:

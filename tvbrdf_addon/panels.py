@@ -8,9 +8,10 @@ from typing import ClassVar, Literal, TypeAlias
 
 import bpy
 
+from ..model_runtime.contract import AUTO, EXACT
 from ..model_runtime.errors import shown
 from . import properties, session
-from .estimate import LONG_SECONDS, in_bytes, in_time
+from .estimate import in_bytes, in_time
 from .known import known, scene_of
 from .log import said_of
 from .material.nodes.age import age_path
@@ -21,6 +22,7 @@ from .material.reading.onset import is_invertible
 from .material.result import result_folder
 from .operators import material_of
 from .outlook import forecast
+from .rates import LONG_SECONDS
 from .run import Run, why_not
 from .sentences import report_in
 from .sharing import left_out
@@ -169,7 +171,7 @@ def _draw_forecast(
         return
     seconds, balanced = expected.estimate.seconds, expected.balanced.seconds
     said = f"About {in_time(seconds)}, {in_bytes(expected.estimate.bytes)}."
-    if material.tvbrdf.quality == "exact" and seconds > max(LONG_SECONDS, 2 * balanced):
+    if material.tvbrdf.quality == EXACT and seconds > max(LONG_SECONDS, 2 * balanced):
         texels = expected.size[0] * expected.size[1]
         said += f" Exact models each of {texels:,} texels; Balanced takes {in_time(balanced)}."
     _paragraph(layout, context, said, "TIME" if seconds < LONG_SECONDS else "ERROR")
@@ -221,22 +223,21 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     settings = material.tvbrdf
     column = layout.column()
     column.prop(settings, "onset")
-    if settings.onset == "auto":
+    if settings.onset == AUTO:
         column.prop(settings, "seed")
     if is_invertible(material):
         _draw_onset(column, context, material)
     column.separator()
     column.prop(settings, "temporal_model")
     row = column.row()
-    row.enabled = settings.quality != "exact"
+    row.enabled = settings.quality != EXACT
     row.prop(settings, "tolerance", text="Tolerance (dB)")
     column.prop(settings, "specular")
     column.separator()
     column.prop(settings, "binding")
     column.prop(settings, "format")
     box = column.box()
-    chosen = next(item for item in properties.FORMATS if item[0] == settings.format)
-    _paragraph(box, context, chosen[2])
+    _paragraph(box, context, properties.SHOWN[settings.format].told.meaning)
 
 
 def _draw_onset(

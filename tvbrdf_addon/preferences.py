@@ -8,6 +8,7 @@ from pathlib import Path
 
 import bpy
 
+from ..model_runtime.contract import IDLE_MINUTES
 from ..model_runtime.model_files import weights
 from .launch import Launch
 from .models import models_in
@@ -16,7 +17,6 @@ __all__ = ("CLASSES", "launch", "model_folders", "user_file")
 
 # The extension's own module, `bl_ext.<repository>.tvbrdf`.
 EXTENSION = __package__.rpartition(".")[0]
-IDLE_MINUTES = 10
 # About files in the models folder that are left out.
 MOST_SENTENCES = 5
 
@@ -43,7 +43,7 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         description=(
             "Minutes for which the worker waits for a next run before it gives its memory back"
         ),
-        default=IDLE_MINUTES,
+        default=int(IDLE_MINUTES),
         min=1,
         max=7 * 24 * 60,
         soft_max=60,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import contextlib
 import io
-import json
 import os
 import queue
 import signal
@@ -16,6 +15,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import IO, Any
 
+from ..model_runtime.messages import Loaded, Reply, Request, Verb
 from .errors import WorkerError
 from .launch import Launch
 
@@ -38,7 +38,7 @@ class Worker:
         self.launch = launch
         self.loaded = False
         self._process: subprocess.Popen[bytes] | None = None
-        self._inbox: queue.Queue[dict[str, Any]] = queue.Queue()
+        self._inbox: queue.Queue[Reply] = queue.Queue()
         self._outbox: queue.Queue[bytes | None] = queue.Queue()
         self._complaints: deque[str] = deque(maxlen=40)
         self._readers: list[threading.Thread] = []
@@ -103,19 +103,19 @@ class Worker:
             thread.start()
         atexit.register(self.stop)
 
-    def send(self, verb: str, args: Mapping[str, Any]) -> int:
+    def send(self, verb: Verb, args: Mapping[str, Any]) -> int:
         """Send one request; its id.  A dead worker shows in `alive`, not here."""
         self._last_id += 1
-        self._say({"id": self._last_id, "verb": verb, "args": dict(args)})
+        self._say(Request(self._last_id, verb, args))
         return self._last_id
 
-    def poll(self) -> Iterator[dict[str, Any]]:
-        """The messages that have come in by now."""
+    def poll(self) -> Iterator[Reply]:
+        """What it has said by now."""
         for _ in range(self._inbox.qsize()):
-            message = self._inbox.get_nowait()
-            if message.get("type") == "loaded":
+            reply = self._inbox.get_nowait()
+            if isinstance(reply.message, Loaded):
                 self.loaded = True
-            yield message
+            yield reply
 
     def last_words(self) -> str:
         """What the worker wrote to stderr last, for the console; complete once it is dead."""
@@ -130,7 +130,7 @@ class Worker:
         process = self._process
         if process is None:
             return
-        self._say({"id": 0, "verb": "shutdown", "args": {}})
+        self._say(Request(0, "shutdown", {}))
         self._outbox.put(None)
         self._process = None
         if not at_once:
@@ -141,8 +141,8 @@ class Worker:
         for thread in self._readers:
             thread.join(timeout=1.0)
 
-    def _say(self, request: Mapping[str, Any]) -> None:
-        self._outbox.put(json.dumps(request).encode() + b"\n")
+    def _say(self, request: Request) -> None:
+        self._outbox.put(request.line().encode() + b"\n")
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
@@ -184,14 +184,10 @@ def _refuse_sigpipe(pipe: IO[bytes]) -> None:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGPIPE})
 
 
-def _read(pipe: IO[bytes], inbox: queue.Queue[dict[str, Any]]) -> None:
+def _read(pipe: IO[bytes], inbox: queue.Queue[Reply]) -> None:
     for line in _lines(pipe):
-        try:
-            message = json.loads(line)
-        except (ValueError, RecursionError):
-            message = None
-        if isinstance(message, dict):
-            inbox.put(message)
+        if (reply := Reply.read(line)) is not None:
+            inbox.put(reply)
         elif line.strip():
             # Not ours: a library that found its way to stdout.
             print(f"tvbrdf worker: {line[:200]!a}", file=sys.stderr)

@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import bpy
 
-from ..model_runtime.contract import RANGES
+from ..model_runtime.contract import (
+    AUTO,
+    BINDINGS,
+    EVERYWHERE,
+    LIVE,
+    PRINCIPLED,
+    PRINCIPLED_EXACT,
+    QUALITIES,
+    RANGES,
+    RUNGS,
+    SPECULARS,
+    AgeRequest,
+    Format,
+    Told,
+)
 from ..model_runtime.model_files import weights
 from . import preferences
 from .known import scene_of
@@ -19,6 +34,7 @@ __all__ = (
     "CLASSES",
     "LAST_FRAME",
     "OWN_FILE",
+    "SHOWN",
     "card_named",
     "card_of",
     "frame_range",
@@ -37,26 +53,10 @@ RELATIVE: tuple[_Relative, ...] = (
 # Blender's own limit of frame numbers, on both sides of 0.
 LAST_FRAME = 1_048_574
 
-QUALITIES = (
-    ("draft", "Draft", "A quick look, not checked: few distinct materials are modelled"),
-    ("balanced", "Balanced", "Models as little as the tolerance allows, and checks that it does"),
-    (
-        "exact",
-        "Exact",
-        "Models every texel with every sample and leaves nothing out: for comparisons. Can take "
-        "hours; the estimate above the button says so before you start",
-    ),
-)
-TEMPORAL_MODELS = (
-    ("auto", "Automatic", "The simplest model that the source sequence supports"),
-    ("constant", "Constant", "Nothing changes: what the other models are held against"),
-    ("affine", "Affine", "Scale and offset of every channel over time"),
-    ("lstm_parameters", "LSTM on Parameters", "A network predicts the reflectance parameters"),
-    ("lstm_latents", "LSTM on Latents", "The neural temporal model of the paper"),
-)
+AUTOMATIC = Told("Automatic", "The simplest model that the source sequence supports")
 ONSETS = (
-    ("auto", "Spots", "Ageing starts in spots and spreads from them, as the model's process does"),
-    ("none", "Everywhere at Once", "Every texel starts to age on the first frame"),
+    (AUTO, "Spots", "Ageing starts in spots and spreads from them, as the model's process does"),
+    (EVERYWHERE, "Everywhere at Once", "Every texel starts to age on the first frame"),
     ("image", "Image", "An image says when each texel starts: black at once, white at the end"),
     (
         "attribute",
@@ -64,39 +64,40 @@ ONSETS = (
         "What is painted on the mesh says when it starts: black at once, white at the end",
     ),
 )
-FORMATS = (
-    (
-        "as-authored",
-        "As Authored",
-        "Carries the change over to your own base color, metallic, specular and roughness. "
-        "The first frame is your material, exactly. Best for materials made by hand, and exports "
-        "to glTF",
+
+
+class Shown(NamedTuple):
+    """How the aged reflectance becomes a Principled BSDF: the result's format, as it is told."""
+
+    format: Format
+    told: Told
+
+
+SHOWN = {
+    "as-authored": Shown(
+        PRINCIPLED,
+        Told(
+            "As Authored",
+            "Carries the change over to your own base color, metallic, specular and roughness. "
+            "The first frame is your material, exactly. Best for materials made by hand, and "
+            "exports to glTF",
+        ),
     ),
-    (
-        "exact",
-        "Exact",
-        "Shows the modelled reflectance to the digit, without Fresnel. Best for measured "
-        "materials and for comparisons",
+    "exact": Shown(
+        PRINCIPLED_EXACT,
+        Told(
+            "Exact",
+            "Shows the modelled reflectance to the digit, without Fresnel. Best for measured "
+            "materials and for comparisons",
+        ),
     ),
-)
-BINDINGS = (
-    (
-        "live",
-        "Live",
-        "The shader ages your own nodes at any age: small files, no reloading, and an age of its "
-        "own for every object that has a property Age",
-    ),
-    (
-        "frames",
-        "Frames",
-        "Image sequences, which other programs and exporters understand: larger, and slower to "
-        "play",
-    ),
-)
-SPECULARS = (
-    ("rgb", "Colored", "Highlights may take on a color, as metals do"),
-    ("mono", "Gray", "Highlights stay gray"),
-)
+}
+"""What `format` may be; saved in .blend files under these names."""
+
+
+def _items(choices: Mapping[str, Told]) -> tuple[tuple[str, str, str], ...]:
+    """`choices` as Blender's lists have them, with a plain tuple each."""
+    return tuple((name, told.title, told.meaning) for name, told in choices.items())
 
 
 def _model_items(
@@ -169,7 +170,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     steps: bpy.props.IntProperty(
         name="Modelled Frames",
         description="Stages of ageing that are computed and stored; spread over the frame range",
-        default=36,
+        default=AgeRequest.frames,
         min=2,  # one would be the material as it is
         max=RANGES["frames"][1],
         soft_max=250,
@@ -194,8 +195,8 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     quality: bpy.props.EnumProperty(
         name="Quality",
         description="How much of the material is modelled",
-        items=QUALITIES,
-        default="balanced",
+        items=_items(QUALITIES),
+        default=AgeRequest.quality,
     )
     output: bpy.props.StringProperty(
         name="Output",
@@ -207,7 +208,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     tolerance: bpy.props.FloatProperty(
         name="Tolerance",
         description="How close, in dB, the result stays to that of quality Exact. Higher is closer",
-        default=45.0,
+        default=AgeRequest.tolerance,
         min=10.0,
         max=100.0,
         precision=0,
@@ -215,14 +216,14 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     temporal_model: bpy.props.EnumProperty(
         name="Change",
         description="How change over time is modelled",
-        items=TEMPORAL_MODELS,
-        default="auto",
+        items=_items({AUTO: AUTOMATIC, **RUNGS}),
+        default=AgeRequest.temporal_model,
     )
     onset: bpy.props.EnumProperty(
         name="Start",
         description="Where ageing starts",
         items=ONSETS,
-        default="auto",
+        default=AgeRequest.onset,
         update=_take_active_attribute,
     )
     onset_image: bpy.props.PointerProperty(
@@ -255,20 +256,20 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     specular: bpy.props.EnumProperty(
         name="Highlights",
         description="Colour of the aged highlights",
-        items=SPECULARS,
-        default="rgb",
+        items=_items(SPECULARS),
+        default=AgeRequest.specular,
     )
     format: bpy.props.EnumProperty(
         name="Mapping",
         description="How the aged reflectance becomes a Principled BSDF",
-        items=FORMATS,
+        items=_items({name: shown.told for name, shown in SHOWN.items()}),
         default="as-authored",
     )
     binding: bpy.props.EnumProperty(
         name="Shown As",
         description="How the aged material is kept and shown",
-        items=BINDINGS,
-        default="live",
+        items=_items(BINDINGS),
+        default=LIVE,
     )
     original: bpy.props.StringProperty(
         description="What Revert restores, as JSON; empty while the material is not aged",
@@ -316,7 +317,7 @@ def card_named(name: str) -> weights.ModelCard | None:
 def usual_model(card: weights.ModelCard) -> str | None:
     """The temporal model that the card names; None where it names none that is known."""
     named = card.details.get("temporal_model")
-    return named if any(named == item[0] for item in TEMPORAL_MODELS[1:]) else None
+    return named if named in RUNGS else None
 
 
 def model_file(settings: TVBRDF_PG_material) -> Path | None:

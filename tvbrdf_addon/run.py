@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..model_runtime.contract import DRAFT, EXACT, LIVE
 from ..model_runtime.errors import Cancelled
 from ..model_runtime.output.commit import recover
 from . import outlook, output, properties
@@ -101,10 +102,10 @@ def plan(
             "temporal_model": settings.temporal_model,
             "onset": settings.onset,
             "specular": settings.specular,
-            "format": "principled" if settings.format == "as-authored" else "principled-exact",
+            "format": properties.SHOWN[settings.format].format,
             "seed": settings.seed,
             "binding": binding or settings.binding,
-            "sparse": settings.quality != "exact",
+            "sparse": settings.quality != EXACT,
         },
     )
 
@@ -280,7 +281,7 @@ class Run:
         # Not beside the result, but as long as Blender lives: an undo may bring it back.
         place = Path(bpy.app.tempdir) / f"preview-{self.plan.material_uid}"
         size = PREVIEW_SIZE * max(reading.tiles.columns, reading.tiles.rows)
-        quick = {"output": str(place), "size": size, "quality": "draft"}
+        quick = {"output": str(place), "size": size, "quality": DRAFT}
         request = request | quick
         for message in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
             self._material()
@@ -343,7 +344,7 @@ class Run:
                 frame_end=self.plan.frame_end,
             )
         )
-        if self.aged.get("binding") != "live":
+        if self.aged.get("binding") != LIVE:
             self.warnings.extend(reading.lost)
         material.tvbrdf.is_preview = self.previewing = False
         folder = str(self.plan.folder)

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from ..model_runtime.contract import AUTO, CPU, REPORT, RUNGS, option
 from ..model_runtime.errors import shown
 from .estimate import in_bytes, in_time
 from .small_json import read_json
@@ -22,13 +23,7 @@ _MOST_FILES = 1 << 17
 _MOST_SENTENCES = 50
 _LONGEST_SENTENCE = 600
 
-_MODEL_OPTION = "--temporal-model"
-_MODELS = {
-    "constant": "Constant",
-    "affine": "Affine",
-    "lstm_parameters": "LSTM on Parameters",
-    "lstm_latents": "LSTM on Latents",
-}
+_MODEL_OPTION = option("temporal_model")
 
 
 @dataclass(frozen=True)
@@ -47,7 +42,9 @@ class Report:
 
     def change(self, usual: str | None) -> str:
         """Which temporal model was used and why; `usual` is the one that the NTM's card names."""
-        name = _MODELS.get(self.temporal_model, self.temporal_model)
+        name = self.temporal_model
+        if name in RUNGS:
+            name = RUNGS[name].title
         if self.asked:
             return f"{name}, as you chose."
         if usual is None:
@@ -59,7 +56,7 @@ class Report:
 
 def report_in(folder: Path) -> Report | None:
     """The report of the result in `folder`; None where there is none that can be understood."""
-    path = folder / "aged.json"
+    path = folder / REPORT
     try:
         status = path.stat()
     except (OSError, ValueError):
@@ -85,7 +82,7 @@ def _understood(aged: dict[str, Any], folder: Path) -> Report:
         size=(height, width),
         ntm=shown(aged["ntm"]),
         temporal_model=shown(aged["temporal_model"]),
-        asked=_MODEL_OPTION in words and words[words.index(_MODEL_OPTION) + 1] != "auto",
+        asked=_MODEL_OPTION in words and words[words.index(_MODEL_OPTION) + 1] != AUTO,
         sentences=(
             *_sentences(aged["plan"]),
             f"{frames} frame{'s' * (frames > 1)} of {width} x {height} px, {in_bytes(stored)}, "
@@ -98,7 +95,7 @@ def _understood(aged: dict[str, Any], folder: Path) -> Report:
 
 def _on(device: object) -> str:
     """Worth a word where it is not the CPU, as it is in reports from before they said so."""
-    return "" if device in (None, "cpu") else f" on {shown(device)}"
+    return "" if device in (None, CPU) else f" on {shown(device)}"
 
 
 def _count(value: object, most: int) -> int:

@@ -16,17 +16,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
+from ..model_runtime.contract import PROTOCOL
 from ..model_runtime.errors import shown
+from ..model_runtime.messages import Done, Failed, Message, Notice, Progress, Ready, Verb
 from .errors import WorkerError
 from .launch import Launch
 from .process import Worker
 
-__all__ = ("PROTOCOL", "Done", "Launch", "Message", "Notice", "Progress", "Worker", "run")
-
-PROTOCOL = 1
+__all__ = ("Done", "Launch", "News", "Notice", "Progress", "Worker", "run")
 
 # Starting means starting Python and reading a few small files, then, after `ready`, importing
 # torch: a slow disk may keep one library of it for long, and all else in the process with it.
@@ -40,29 +39,8 @@ LONGEST_NOTICE = 600
 LOOK_SECONDS = 1.0
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is: `fraction` of the whole, 0 to 1."""
-
-    stage: str
-    fraction: float
-
-
-@dataclass(frozen=True)
-class Notice:
-    """Something the user should know about the run; it goes on."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Done:
-    """The end of a run that succeeded; for `age`, the content of `aged.json`."""
-
-    result: Any
-
-
-Message = Progress | Notice | Done
+News = Progress | Notice | Done
+"""What a run tells on its way, and at its end."""
 
 
 class _Patience:
@@ -89,11 +67,11 @@ class _LeftError(Exception):
 
 def run(
     worker: Worker,
-    verb: str,
+    verb: Verb,
     args: Mapping[str, Any],
     *,
     cancelled: Callable[[], bool] = lambda: False,
-) -> Iterator[Message | None]:
+) -> Iterator[News | None]:
     """Carry out one request, starting the worker where needed; None means nothing new yet.
 
     Closing the generator early cancels the request.
@@ -120,14 +98,15 @@ def _await_ready(worker: Worker, cancelled: Callable[[], bool]) -> Iterator[None
     patience = _Patience()
     while True:
         alive = worker.alive
-        for message in worker.poll():
-            if message.get("type") != "ready":
+        for reply in worker.poll():
+            if not isinstance(reply.message, Ready):
                 continue
-            if message.get("protocol") == PROTOCOL:
+            spoken = reply.message.protocol
+            if spoken == PROTOCOL:
                 return
             worker.stop()
             raise WorkerError(
-                f"The worker speaks protocol {message.get('protocol')}, this extension {PROTOCOL}.",
+                f"The worker speaks protocol {shown(spoken)}, this extension {PROTOCOL}.",
                 "Restart Blender after an update; if that does not help, install the extension "
                 "again.",
                 code="protocol",
@@ -148,19 +127,19 @@ def _await_ready(worker: Worker, cancelled: Callable[[], bool]) -> Iterator[None
 
 def _await_answer(
     worker: Worker, request_id: int, cancelled: Callable[[], bool]
-) -> Iterator[Message | None]:
+) -> Iterator[News | None]:
     heard, silence, since_cancel = False, _Patience(), None
     try:
         while True:
             # Asked before looking into the inbox: what it said before it died is in there.
             alive = worker.alive
-            for message in worker.poll():
+            for reply in worker.poll():
                 silence = _Patience()
-                if message.get("id") != request_id:
+                if reply.id != request_id:
                     continue
                 heard = True
-                yield (typed := _typed(message))
-                if isinstance(typed, Done):
+                yield (told := _told(reply.message))
+                if isinstance(told, Done):
                     return
             if not alive:
                 if worker.exit_code == 0 and not heard and since_cancel is None:
@@ -182,21 +161,22 @@ def _await_answer(
         raise
 
 
-def _typed(message: Mapping[str, Any]) -> Message | None:
+def _told(message: Message | None) -> News | None:
+    """What `message` of the worker means to whoever runs something; raises WorkerError."""
     match message:
-        case {"type": "progress", "stage": str(stage), "fraction": int() | float() as fraction}:
+        case Progress(stage, fraction):
             # In this order NaN becomes 0.
             return Progress(shown(stage), min(max(0.0, fraction), 1.0))
-        case {"type": "warning", "message": str(text)}:
+        case Notice(text):
             return Notice(shown(text, most=LONGEST_NOTICE))
-        case {"type": "done", "result": result}:
-            return Done(result)
-        case {"type": "error"}:
+        case Done():
+            return message
+        case Failed(code, text, hint, details):
             raise WorkerError(
-                str(message.get("message") or "The worker reported an error without words."),
-                str(message.get("hint") or ""),
-                code=str(message.get("code") or "internal"),
-                details=str(message.get("details") or ""),
+                text or "The worker reported an error without words.",
+                hint,
+                code=code or "internal",
+                details=details,
             )
     return None
 

@@ -10,8 +10,8 @@ import pytest
 
 from tests.blender.material_cases import add, link, new_material, plane, view_from_above
 from tvbrdf.tvbrdf_addon import outlook as module
-from tvbrdf.tvbrdf_addon.estimate import Rates, Work
 from tvbrdf.tvbrdf_addon.outlook import Forecast, forecast, learn
+from tvbrdf.tvbrdf_addon.rates import Rates, Work
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

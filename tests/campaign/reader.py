@@ -14,7 +14,8 @@ from typing import Any
 
 import tests.conftest  # noqa: F401, it lets the extension be imported
 from tvbrdf.model_runtime.model_files.weights import list_models
-from tvbrdf.tvbrdf_addon.estimate import Rates, Work, in_bytes, in_time
+from tvbrdf.tvbrdf_addon.estimate import in_bytes, in_time
+from tvbrdf.tvbrdf_addon.rates import Rates, Work
 from tvbrdf.tvbrdf_addon.sentences import report_in
 
 

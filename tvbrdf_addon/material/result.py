@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-from ...model_runtime.contract import FORMATS, REPORT
+from ...model_runtime.contract import FORMATS, LIVE, REPORT, frame_file
 from ...model_runtime.output.commit import recover
 from ..errors import MaterialError
 from .nodes.ownership import GROUP, TAG
@@ -116,7 +116,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
             f"The result {path} has the format “{kind}”, which this extension does not know.",
             "Update the extension, or age the material again.",
         )
-    if data.get("binding") == "live":
+    if data.get("binding") == LIVE:
         return _live(folder, kind, (height, width), files)
     uniform = (height, width) == (1, 1)
     maps = tuple(_map(folder, name, files.get(name), len(times), uniform) for name in FORMATS[kind])
@@ -149,7 +149,7 @@ def _map(folder: Path, name: str, files: object, frames: int, uniform: bool) -> 
             f"The result in {folder} does not say which files make its {name} on every frame.",
             "Age the material again.",
         )
-    paths = tuple(_there(folder / _file(name, frame)) for frame in stored)
+    paths = tuple(_there(folder / frame_file(name, frame)) for frame in stored)
     first = paths[0].read_bytes()
     changes = any(
         path.stat().st_size != len(first) or path.read_bytes() != first for path in paths[1:]
@@ -167,11 +167,7 @@ def _stored(files: object, name: str, frames: int) -> tuple[int, ...] | None:
     if not isinstance(files, list) or len(files) != frames:
         return None
     mixes = [[[each, 1.0]] if isinstance(each, str) else each for each in files]
-    stored = tuple(k for k, mix in enumerate(mixes) if mix == [[_file(name, k), 1.0]])
+    stored = tuple(k for k, mix in enumerate(mixes) if mix == [[frame_file(name, k), 1.0]])
     if stored == (0,):
         return stored if all(mix == mixes[0] for mix in mixes) else None
     return stored if stored[:1] == (0,) and stored[-1] == frames - 1 else None
-
-
-def _file(name: str, frame: int) -> str:
-    return f"{name}_{frame + 1:04d}.exr"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ....model_runtime.contract import EVERYWHERE
 from ...errors import MaterialError
 from ..nodes.record import is_aged, require_local
 from ..nodes.surface import find_principled
@@ -68,7 +69,7 @@ def _why_not_sockets(
     if space.reads_uv:
         return why_no_uv(owner, obj)
     # A plain material needs UVs only for the pattern in which it starts.
-    if space.kind != "uniform" or owner.tvbrdf.onset == "none":
+    if space.kind != "uniform" or owner.tvbrdf.onset == EVERYWHERE:
         return None
     reason = why_no_uv(owner, obj)
     return reason and f"{reason.removesuffix('.')}, or set Start to Everywhere at Once."

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import bpy
 
+from ....model_runtime.contract import EVERYWHERE
 from ..nodes.trace import is_animated, resolve, upstream
 from .bake import Target
 from .evaluated import Evaluated
@@ -63,7 +64,7 @@ def unwrapped_badly(
 ) -> list[str]:
     """What a pattern of ageing that is laid out by UVs will look like on these objects."""
     onset = material.tvbrdf.onset
-    if onset == "none":
+    if onset == EVERYWHERE:
         return []
     uv_map = "" if space.kind == "uniform" else looked_up_by(space)
     if uv_map is None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ....model_runtime.contract import EVERYWHERE
 from ...errors import MaterialError
 from ...known import image_texture, known, tree_of
 from ...properties import frame_range
@@ -138,7 +139,7 @@ def read(
             textures = TextureSize(size, "")
         users = [known(obj)] if space.kind == "uv" else showing(material, scene)
         tiles = tiles_of(place.principled, space, material, users, frame)
-        textured = uniform and material.tvbrdf.onset != "none"
+        textured = uniform and material.tvbrdf.onset != EVERYWHERE
         looks = []
         if space.reads_uv or textured:
             if space.kind == "texture":
