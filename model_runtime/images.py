@@ -12,9 +12,9 @@ import os
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import OpenEXR
@@ -23,12 +23,21 @@ from PIL import Image, ImageFile, UnidentifiedImageError
 
 from .atomic import replaced
 from .errors import InputError, OutputError, reason, shown
+from .exr import MAX_SIDE, RESAVE, check_size, read_exr, read_exr_vectors
 from .maps import HALF_MAX, Halves, Pixels
 from .memory import ran_out_of_memory
 
-__all__ = ("EXTENSIONS", "MAX_SIDE", "Compression", "Depth", "read_image", "resize", "write_exr")
+__all__ = (
+    "EXTENSIONS",
+    "MAX_SIDE",
+    "Compression",
+    "Depth",
+    "read_image",
+    "read_vectors",
+    "resize",
+    "write_exr",
+)
 
-MAX_SIDE = 16384
 # Pillow's own limit is lower than ours, and speaks of bombs; sizes are checked here instead.
 Image.MAX_IMAGE_PIXELS = None
 
@@ -44,16 +53,6 @@ _OTHER_BYTES = {
     for order, other in (("16B", "16L"), ("16L", "16B"), ("16N", _NATIVE_OTHER))
 }
 
-_HINT = "Save it again as JPEG, PNG, TIFF or OpenEXR."
-_LARGEST_BLOCK = 1 << 29
-_LINES = {
-    **dict.fromkeys((OpenEXR.NO_COMPRESSION, OpenEXR.RLE_COMPRESSION, OpenEXR.ZIPS_COMPRESSION), 1),
-    **dict.fromkeys((OpenEXR.ZIP_COMPRESSION, OpenEXR.PXR24_COMPRESSION), 16),
-    **dict.fromkeys((OpenEXR.PIZ_COMPRESSION, OpenEXR.DWAA_COMPRESSION), 32),
-}
-"""Lines of a block by compression; of others at most 256."""
-
-_EXR_TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 Compression = Literal["none", "zip"]
@@ -85,15 +84,37 @@ def read_packed(path: str | Path) -> Pixels:
     """
     pixels = _read(Path(path), decode=False)
     if pixels.ndim == 2:
-        raise InputError(f"{shown(Path(path).name)} has one channel, not three packed maps.", _HINT)
+        raise InputError(
+            f"{shown(Path(path).name)} has one channel, not three packed maps.", RESAVE
+        )
     return pixels
+
+
+def read_vectors(path: str | Path, *, most: int) -> Pixels:
+    """Read R, G, B and alpha of an OpenEXR file as they are stored, with 1 where there is no alpha:
+    [H, W, 4] of every so many texels, the fewest for which no side has more than `most`.
+
+    Raises InputError as `read_image` does, and for what has no three channels.
+    """
+    return _read_with(lambda file: read_exr_vectors(file, most), Path(path), (".exr",))
 
 
 def _read(path: Path, *, decode: bool) -> Pixels:
     """[H, W] or [H, W, 3] of the file at `path`, integers decoded from sRGB where asked."""
+
+    def read(path: Path) -> Pixels:
+        return (
+            read_exr(path) if path.suffix.lower() == ".exr" else _read_integer(path, decode=decode)
+        )
+
+    return _read_with(read, path, EXTENSIONS)
+
+
+def _read_with(read: Callable[[Path], Pixels], path: Path, extensions: tuple[str, ...]) -> Pixels:
+    """What `read` makes of the file at `path`, with a sentence for all that can go wrong."""
     extension, file = path.suffix.lower(), shown(path.name)
-    if extension not in EXTENSIONS:
-        raise InputError(f"{file} is not in an image format that can be read.", _HINT)
+    if extension not in extensions:
+        raise InputError(f"{file} is not in an image format that can be read.", RESAVE)
     try:
         if not path.is_file():
             raise InputError(f"{shown(path)} is not a file.", "Check the path.")
@@ -103,14 +124,14 @@ def _read(path: Path, *, decode: bool) -> Pixels:
         raise InputError(f"{file} cannot be opened: {reason(error)}.", "Check the path.") from error
     try:
         with _quiet():
-            return _read_exr(path) if extension == ".exr" else _read_integer(path, decode=decode)
+            return read(path)
     except InputError:
         raise
     except Exception as error:  # the decoders raise whatever a damaged file makes them
         if ran_out_of_memory(error):
             raise
         why = "" if isinstance(error, UnidentifiedImageError) else f": {reason(error)}"
-        raise InputError(f"{file} is damaged or not an image{why}.", _HINT) from error
+        raise InputError(f"{file} is damaged or not an image{why}.", RESAVE) from error
 
 
 def write_exr(
@@ -207,14 +228,6 @@ def _luminance(pixels: Pixels) -> Pixels:
     return pixels @ _LUMINANCE
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
-    if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
-        raise InputError(
-            f"{shown(path.name)} has {width} x {height} pixels.",
-            f"Resize it to {MAX_SIDE} a side or less.",
-        )
-
-
 def _read_integer(path: Path, *, decode: bool) -> Pixels:
     """[H, W] or [H, W, 3] of a JPEG, PNG or TIFF."""
     codes = _codes(path)
@@ -228,7 +241,7 @@ def _read_integer(path: Path, *, decode: bool) -> Pixels:
 def _codes(path: Path) -> np.ndarray:
     """Stored values as uint8, uint16 or float32, [H, W] or [H, W, 3], without alpha."""
     with Image.open(path, formats=_FORMATS) as image:
-        _check_size(path, *image.size)
+        check_size(path, *image.size)
         image.info.pop("transparency", None)
         raw_mode = _raw_mode(image)
         if image.mode == "F":
@@ -267,55 +280,6 @@ def _decode_srgb(code: Pixels) -> Pixels:
     return np.where(code <= 0.04045, code / 12.92, curve).astype(np.float32)
 
 
-def _read_exr(path: Path) -> Pixels:
-    """[H, W] or [H, W, 3] of the first part's colour, luminance or only channel."""
-    with path.open("rb") as stream:  # paths themselves must be UTF-8 for OpenEXR
-        header = OpenEXR.File(stream, header_only=True).header()
-        names, (height, width) = _what_to_read(path, header)
-        stream.seek(0)
-        # The newer OpenEXR.File reads every channel of every part, however many there are.
-        with contextlib.closing(OpenEXR.InputFile(stream)) as file:
-            stored = file.header()["channels"]
-            types = [_EXR_TYPES[str(stored[name].type)] for name in names]
-            contents = file.channels(names)
-    planes = [
-        np.frombuffer(content, dtype).reshape(height, width)
-        for content, dtype in zip(contents, types, strict=True)
-    ]
-    return (
-        planes[0].astype(np.float32) if len(planes) == 1 else np.stack(planes, -1, dtype=np.float32)
-    )
-
-
-def _what_to_read(path: Path, header: dict[str, Any]) -> tuple[list[str], tuple[int, int]]:
-    """The channels to read of a file with this header, and their height and width."""
-    file, channels = shown(path.name), {each.name: each for each in header["channels"]}
-    if header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile):
-        raise InputError(
-            f"{file} holds deep data, many samples to a pixel.", "Flatten it to a plain image."
-        )
-    low, high = header["dataWindow"]
-    width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
-    _check_size(path, width, height)
-    names = _choose_channels(list(channels))
-    if any(
-        (channels[name].xSampling, channels[name].ySampling) != (1, 1) for name in names or channels
-    ):
-        raise InputError(f"{file} holds subsampled channels.", "Save it as plain R, G and B.")
-    if not names:
-        raise InputError(f"{file} holds several channels and none of them is R, G, B or Y.", _HINT)
-    # A block is decoded whole, hidden channels and all.
-    tile = header.get("tiles")
-    lines = _LINES.get(header["compression"], 256)
-    texels = tile.xSize * tile.ySize if tile else width * lines
-    if texels * len(channels) * 4 > _LARGEST_BLOCK:
-        raise InputError(
-            f"{file} holds {len(channels)} channels in blocks too large to be read.",
-            "Save R, G and B alone.",
-        )
-    return names, (height, width)
-
-
 _ONE_AT_A_TIME = threading.Lock()
 
 
@@ -338,19 +302,3 @@ def _quiet() -> Iterator[None]:
             os.dup2(spoken, 2)
             os.close(nothing)
             os.close(spoken)
-
-
-def _choose_channels(names: list[str]) -> list[str]:
-    """R, G, B of the first layer that has all three, else Y, else the only channel but alpha."""
-    for red in names:
-        layer, _, last = red.rpartition(".")
-        prefix = f"{layer}." if layer else ""
-        for letters in ("RGB", "rgb"):
-            rgb = [prefix + letter for letter in letters]
-            if last == letters[0] and set(rgb) <= set(names):
-                return rgb
-    opaque = [name for name in names if name.rpartition(".")[2].upper() != "A"]
-    luminance = [name for name in opaque if name.rpartition(".")[2].upper() == "Y"]
-    if len(luminance) == 1 and len(opaque) == 1:
-        return luminance
-    return opaque if len(opaque) == 1 else []

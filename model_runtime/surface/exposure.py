@@ -1,0 +1,128 @@
+"""What a process likes: where on an object it starts, as weights that an artist can change.
+
+Each name stands for a feature of the surface from 0 to 1, except two: `runs` is what water brings
+down, `pattern` how much chance has a say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .atlas import Atlas
+from .graph import Graph
+from .points import Points
+
+__all__ = ("Exposure", "features")
+
+Array = NDArray[np.float32]
+
+_QUANTILES = (0.02, 0.99)  # of a feature, that become 0 and 1
+_FLAT = 0.02  # a feature that differs by less says nothing
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """Weights from -1 (avoids) to 1 (seeks); `pattern` from 0 (no chance) to 1.
+
+    edges: what sticks out; crevices: what is sheltered from all sides; sky: what the sky sees;
+    ground: what is low; runs: what water brings down from where it starts; wear: what is
+    weathered already
+    """
+
+    edges: float = 0.0
+    crevices: float = 0.0
+    sky: float = 0.0
+    ground: float = 0.0
+    runs: float = 0.0
+    wear: float = 1.0
+    pattern: float = 1.0
+
+    @classmethod
+    def of(cls, process: str, card: Mapping[str, Any] | None = None) -> Self:
+        """That of a model's `card`, where it has one, on top of the defaults of the process."""
+        default = cls(**_PROCESSES.get(process, _UNKNOWN))
+        return default if card is None else default.changed(card)
+
+    def changed(self, weights: Mapping[str, Any]) -> Self:
+        """With other `weights`. Raises ValueError for what is no weight."""
+        names = [each.name for each in fields(self)]
+        for name, weight in weights.items():
+            if name not in names:
+                raise ValueError(f"{name} is none of {', '.join(names)}")
+            if isinstance(weight, bool) or not isinstance(weight, (int, float)):
+                raise ValueError(f"the weight of {name} is not a number")
+            low = 0 if name == "pattern" else -1
+            if not low <= weight <= 1:
+                raise ValueError(f"the weight of {name} is not between {low} and 1")
+        return replace(self, **{name: float(weight) for name, weight in weights.items()})
+
+    def json(self) -> dict[str, float]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def susceptibility(self, known: Mapping[str, Array]) -> Array:
+        """The weighted sum of the features [n] that are `known`, at least one."""
+        weights = self.json()
+        weighted = [np.float32(weights[name]) * known[name] for name in weights if name in known]
+        return np.sum(weighted, axis=0, dtype=np.float32)
+
+
+_PROCESSES = {
+    # Rust begins where paint is thin or broken, which is at edges and welds, and where water stands
+    # (ISO 12944-3 asks for rounded edges and no crevices for these reasons); splashes reach what is
+    # low, and what rusts stains what lies below.
+    "rust": {"edges": 0.6, "crevices": 0.6, "ground": 0.25, "sky": 0.1, "runs": 0.4},
+    # Copper turns green where rain wets it: on what looks up, and in the tracks of what runs off
+    # (the Statue of Liberty's sheltered sides stayed brown for decades).
+    "patina": {"sky": 0.6, "runs": 0.6, "crevices": 0.2},
+    # Moss needs water that stays and light: what looks up, joints and the foot of a wall; edges dry
+    # first.
+    "moss": {"sky": 0.5, "crevices": 0.5, "ground": 0.35, "edges": -0.5, "runs": 0.2},
+    # Black crusts form where soot settles and no rain washes it off: in what is sheltered and below
+    # ledges, in streaks (Camuffo et al. 1982 told white, washed from black, sheltered areas).
+    "soiling": {"runs": 0.7, "crevices": 0.5, "sky": -0.35, "edges": -0.2},
+    # Light bleaches: what the sky sees fades first.
+    "fading": {"sky": 1.0, "crevices": -0.2, "edges": 0.15, "pattern": 0.6},
+    # Flames rise and thin parts burn first: from below, from edges.
+    "char": {"ground": 0.7, "edges": 0.5, "sky": -0.3, "crevices": -0.1},
+    # What is exposed to moving air dries first: edges and the top; crevices and the foot stay wet.
+    "drying": {"edges": 0.6, "crevices": -0.7, "sky": 0.3, "ground": -0.4},
+    # Light and air yellow what they reach.
+    "yellowing": {"sky": 0.8, "crevices": -0.3, "pattern": 0.6},
+}
+_UNKNOWN = {"edges": 0.3, "crevices": 0.3}
+
+
+def features(atlas: Atlas, points: Points, graph: Graph) -> dict[str, Array]:
+    """What is known of each point, 0 to 1, by its name in `Exposure`: [n] each.
+
+    What has not been baked follows from the points: how the surface bends, and what looks up.
+    """
+    apart = graph.between(points.position)
+    bend = np.einsum("kni,kni->kn", graph.between(points.normal), apart)
+    known = np.isfinite(graph.distance)
+    bend = np.where(known, bend / np.where(known, graph.distance, 1) ** 2, 0).sum(0)
+    bend *= points.spacing / np.maximum(known.sum(0), 1)
+    height = points.position[:, 2]
+    found = {
+        "edges": np.maximum(bend, 0),
+        "crevices": np.maximum(-bend, 0),
+        "sky": np.maximum(points.normal[:, 2], 0),
+        "ground": -height,
+    }
+    for name, pixels in atlas.features.items():
+        found[name] = points.mean_of(pixels)
+    return {name: _from_0_to_1(values, points.area) for name, values in found.items()}
+
+
+def _from_0_to_1(values: Array, area: Array) -> Array:
+    order = np.argsort(values)
+    share = np.cumsum(area[order], dtype=np.float64) / area.sum(dtype=np.float64)
+    low, high = np.interp(_QUANTILES, share, values[order])
+    if high - low < _FLAT * max(abs(high), abs(low), 1e-9):
+        return np.zeros_like(values)
+    return ((values - low) / (high - low)).clip(0, 1).astype(np.float32)

@@ -1,0 +1,113 @@
+"""What a timing is like on the surface: whether it breaks where the surface was cut open to be
+unwrapped, and how much of it has started by when.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .atlas import Atlas, Places
+from .points import near_pairs
+
+__all__ = ("Seen",)
+
+Array = NDArray[np.float32]
+Index = NDArray[np.int64]
+
+_MOST_SIDE = 1024  # texels a side that are looked at
+_TOUCHING = 2.2  # texels apart in space, at most: each center lies up to one from the border
+_ELSEWHERE = 2  # texels apart on the map, more than
+_ALIKE = -0.2  # cosine between normals, at least
+_FEWEST = 16  # pairs that make a mean
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A map [H, W] by the places that it shows, on a grid of at most 1024 texels a side.
+
+    covered, values: of the grid, [h, w]
+    """
+
+    atlas: Atlas
+    covered: NDArray[np.bool_]
+    places: Places
+    values: Array
+
+    @classmethod
+    def of(cls, atlas: Atlas, pixels: Array) -> Seen:
+        height, width = (
+            min(known, given, _MOST_SIDE)
+            for known, given in zip(atlas.size, pixels.shape, strict=True)
+        )
+        covered = atlas.covered_at((height, width))
+        rows = (np.arange(height) * 2 + 1) * pixels.shape[0] // (2 * height)
+        columns = (np.arange(width) * 2 + 1) * pixels.shape[1] // (2 * width)
+        places = atlas.places(covered, range(height))
+        return cls(atlas, covered, places, pixels[np.ix_(rows, columns)])
+
+    def share_up_to(self, levels: NDArray[np.float64]) -> list[float]:
+        """The share of the surface whose values do not exceed each of these rising levels."""
+        area = self.atlas.area.reshape(-1).take(self.places.baked).astype(np.float64)
+        values = self.values.reshape(-1).take(self.places.texel)
+        below = np.searchsorted(levels, values)
+        shares = np.cumsum(np.bincount(below, area, len(levels) + 1)[:-1]) / area.sum()
+        return [round(share, 4) for share in shares.tolist()]
+
+    def seam_ratio(self) -> float | None:
+        """Mean step from texel to texel across seams, by that from the same texels inward, both for
+        the same distance in space.
+
+        Texels of two places of the map that touch in space and face alike make a seam; None where
+        hardly any do, or where nothing changes.
+        """
+        shape = self.covered.shape[0], self.covered.shape[1]
+        position, normal = np.zeros((2, self.covered.size, 3), np.float32)
+        position[self.places.texel] = self.places.position
+        normals = self.atlas.normal.reshape(-1, 3)
+        normal[self.places.texel] = normals.take(self.places.baked, 0)
+        reach = _TOUCHING * self.atlas.spacing_at(shape)
+        rim, inner = self._rim(position, 1.5 * reach)
+        i, j = near_pairs(position[rim], reach)
+        i, inner, j = rim[i], inner[i], rim[j]
+        (row, column), (other_row, other_column) = np.divmod(i, shape[1]), np.divmod(j, shape[1])
+        apart = np.maximum(np.abs(row - other_row), np.abs(column - other_column)) > _ELSEWHERE
+        apart &= np.einsum("ij,ij->i", normal[i], normal[j]) >= _ALIKE
+        i, inner, j = i[apart], inner[apart], j[apart]
+        if len(i) < _FEWEST:
+            return None
+        distance = np.linalg.norm(position[i] - position[j], axis=-1)
+        order = np.lexsort((distance, i))
+        nearest = order[np.unique(i[order], return_index=True)[1]]
+        i, inner, j = i[nearest], inner[nearest], j[nearest]
+        # A pair that coincides counts as one a twentieth of a texel apart.
+        across = self._slope(i, j, position, reach / 40)
+        inward = self._slope(i, inner, position, reach / 40)
+        return round(across / inward, 3) if inward > 0 else None
+
+    def _slope(self, i: Index, j: Index, position: Array, least: float) -> float:
+        """The mean step between texels, by their mean distance."""
+        values = self.values.reshape(-1)
+        step = np.abs(values[i] - values[j]).sum(dtype=np.float64)
+        distance = np.linalg.norm(position[i] - position[j], axis=-1)
+        return float(step / np.maximum(distance, least).sum(dtype=np.float64))
+
+    def _rim(self, position: Array, reach: float) -> tuple[Index, Index]:
+        """Numbers of texels at the rim of an island, and of the next one inward of each."""
+        height, width = self.covered.shape
+        position = position.reshape(height, width, 3)
+        number = np.arange(height * width).reshape(height, width)
+        rim, inner = [], []
+        for axis, step in ((0, width), (1, 1)):
+            length = np.linalg.norm(np.diff(position, axis=axis), axis=-1)
+            pairs = [self.covered.take(range(k, k + length.shape[axis]), axis) for k in (0, 1)]
+            joined = pairs[0] & pairs[1] & (length <= reach)
+            ends = [(1, 0) if each == axis else (0, 0) for each in (0, 1)]
+            before = np.pad(joined, ends)
+            after = np.pad(joined, [end[::-1] for end in ends])
+            for here, there, inward in ((before, after, -step), (after, before, step)):
+                rim.append(number[here & ~there])
+                inner.append(rim[-1] + inward)
+        return np.concatenate(rim), np.concatenate(inner)
