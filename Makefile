@@ -32,8 +32,8 @@ help:
 demo: $(READY)
 	@extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
 	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
-	    .venv-blender/bin/python tests/blender/demo.py "$$extension" out/demo \
-	&& .venv/bin/python tests/blender/contact_sheet.py out/demo
+	    .venv-blender/bin/python tests/demo/demo.py "$$extension" out/demo \
+	&& .venv/bin/python tests/demo/contact_sheet.py out/demo
 
 extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/ready)
 	@.venv/bin/python .ci/extension.py build --wheels "$(WHEELS)" --output build

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -20,7 +16,7 @@ from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from tests.blender.live_cases import made_up_live, write_image
 from tests.blender.live_shading import IOR, TINT, build, render_ages
 from tests.blender.material_cases import pixels
-from tests.blender.test_windowed import BLENDER, HERE, ROOT, TOOL, unpack_numpy
+from tests.blender.windowed import HERE, needs_window, run_in_window
 
 SIZE = 32
 AGES = (0.0, *np.random.default_rng(5).random(19).round(5).tolist())
@@ -180,31 +176,14 @@ def test_so_it_does_where_sockets_are_at_their_ends(
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(
-    not (TOOL.is_file() and BLENDER.is_file()),
-    reason="windowed-blender, or the Blender it runs, is not here",
-)
+@needs_window
 def test_so_does_eevee(tmp_path: Path):
     authored = {}
     for name in IN_WINDOW:
         (tmp_path / "cases" / name).mkdir(parents=True)
         authored[name] = make_case(tmp_path / "cases" / name, name)
     (tmp_path / "ages.json").write_text(json.dumps(IN_WINDOW), encoding="utf-8")
-    shutil.copy(HERE / "live_shading.py", tmp_path)
-    unpack_numpy(tmp_path / "site-packages")
-    build_zip = [sys.executable, str(ROOT / ".ci" / "extension.py"), "build", "--wheels", "none"]
-    built = subprocess.run(
-        [*build_zip, "--output", str(ROOT / "build")], check=True, capture_output=True, text=True
-    )
-    run = subprocess.run(
-        [str(TOOL), str(HERE / "windowed_live.py"), str(tmp_path), built.stdout.strip()],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env=os.environ | {"TIMEOUT": "900"},
-        check=False,
-    )
-    assert run.returncode == 0, run.stdout[-5000:]
+    run_in_window(HERE / "windowed_live.py", tmp_path, HERE / "live_shading.py", seconds=900)
     for name, ages in IN_WINDOW.items():
         kind = CASES[name][0]
         found = compare(tmp_path / "cases" / name, authored[name], kind, ages, HALF)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.blender import scrubbing
-from tests.blender.test_windowed import BLENDER, TOOL
+from tests.benchmarks import scrubbing
+from tests.blender.windowed import needs_window
 
 pytestmark = pytest.mark.slow
 KINDS = ["every_frame_32", "live_32", "sparse_32"]
@@ -38,10 +38,7 @@ def test_in_cycles_with_persistent_data_and_without(tmp_path: Path, results: lis
         )
 
 
-@pytest.mark.skipif(
-    not (TOOL.is_file() and BLENDER.is_file()),
-    reason="windowed-blender, or the Blender it runs, is not here",
-)
+@needs_window
 def test_in_a_window(tmp_path: Path, results: list[Path]):
     report = scrubbing.in_window(tmp_path)
     assert report["renderer"]

@@ -2,32 +2,25 @@
 
 At the end the command, as only Blender's own program dispatches it.
 
-    windowed-blender windowed_panel.py EXCHANGE_FOLDER EXTENSION.zip
-
-The exchange folder must hold `stub_worker.py`, `windowed_steps.py` and, in `site-packages`, numpy
-for Python 3.13.
-Leaves `panel.png` (before), `exact.png` (its warning), `preview.png`, `progress.png`, `aged.png`,
-`start_*.png` (an attribute or an image that says where) and `properties.png` there.  Clicks go to
-real pixels: buttons are found by giving them a colour that nothing else has.
+Its worker is `stub_worker.py`, beside it.  Leaves `panel.png` (before), `exact.png` (its warning),
+`preview.png`, `progress.png`, `aged.png`, `start_*.png` (an attribute or an image that says where)
+and `properties.png`.  Clicks go to real pixels: buttons are found by giving them a colour that
+nothing else has.
 """
 
 from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import bpy
-
-EXCHANGE = Path("/exchange")
-# Debian's Blender comes without numpy, which every other Blender brings.
-sys.path[:0] = [str(EXCHANGE), str(EXCHANGE / "site-packages")]
-import numpy as np  # noqa: E402
-from windowed_steps import (  # noqa: E402
+import numpy as np
+from windowed_steps import (
     DRAWN,
+    EXCHANGE,
     Steps,
+    away_with_the_splash_screen,
     ended,
     go_through,
     key,
@@ -288,9 +281,7 @@ def command() -> Steps:
 def everything() -> Steps:
     os.environ["TVBRDF_WORKER"] = str(EXCHANGE / "stub_worker.py")
     os.environ["TVBRDF_STUB_SECONDS"] = "12"
-    yield 1.0
-    # Away with the splash screen.
-    yield from key("Escape")
+    yield from away_with_the_splash_screen()
     build_scene()
     yield from show_panel()
     # Until it has looked through the camera.

@@ -1,4 +1,8 @@
-"""What scripts in a window share.  They are generators that yield how long to wait, in seconds."""
+"""What scripts in a window share.  They are generators that yield how long to wait, in seconds.
+
+`windowed.py` starts them, with whatever they need in `EXCHANGE`.  Screenshots and keys go through
+the virtual screen, as Blender's own screenshots are black there.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from types import ModuleType
 import bpy
 
 EXCHANGE = Path("/exchange")
+EXTENSION = "bl_ext.user_default.tvbrdf"
 # What a script has to wait for Blender to draw, and for a click to arrive.
 DRAWN = 0.7
 
@@ -21,7 +26,7 @@ Steps = Iterator[float]
 
 
 def session() -> ModuleType:
-    return importlib.import_module("bl_ext.user_default.tvbrdf.tvbrdf_addon.session")
+    return importlib.import_module(f"{EXTENSION}.tvbrdf_addon.session")
 
 
 def ended() -> bool:
@@ -35,6 +40,11 @@ def outcome() -> str:
 def key(name: str) -> Steps:
     subprocess.run(["xdotool", "key", name], check=True)
     yield DRAWN
+
+
+def away_with_the_splash_screen() -> Steps:
+    yield 1.0
+    yield from key("Escape")
 
 
 def until(condition: Callable[[], bool], seconds: float = 20) -> Steps:

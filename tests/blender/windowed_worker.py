@@ -1,10 +1,7 @@
 """A worker that is lost, and an extension that is taken away, while Blender's real program runs.
 
-    windowed-blender windowed_worker.py EXCHANGE_FOLDER EXTENSION.zip
-
 Only the program leaves SIGPIPE at its default, has modal operators, a dispatcher of commands and
-an end of its own.  The exchange folder must hold `stub_worker.py`, `windowed_steps.py` and, in
-`site-packages`, numpy for Python 3.13.
+an end of its own.  The worker is `stub_worker.py`, beside this script.
 """
 
 from __future__ import annotations
@@ -18,13 +15,12 @@ import time
 from pathlib import Path
 
 import bpy
-
-EXCHANGE = Path("/exchange")
-# Debian's Blender comes without numpy, which every other Blender brings.
-sys.path[:0] = [str(EXCHANGE), str(EXCHANGE / "site-packages")]
-from windowed_steps import (  # noqa: E402
+from windowed_steps import (
     DRAWN,
+    EXCHANGE,
+    EXTENSION,
     Steps,
+    away_with_the_splash_screen,
     ended,
     go_through,
     key,
@@ -36,7 +32,6 @@ from windowed_steps import (  # noqa: E402
 )
 
 QUIT = "--quit-in-a-run"
-MODULE = "bl_ext.user_default.tvbrdf"
 STUB = str(EXCHANGE / "stub_worker.py")
 LEAVES = """
 import json, sys
@@ -150,8 +145,8 @@ def is_disabled_and_enabled() -> Steps:
 
     yield from start()
     worker = session()._worker
-    addon_utils.disable(MODULE)
-    addon_utils.enable(MODULE)
+    addon_utils.disable(EXTENSION)
+    addon_utils.enable(EXTENSION)
     yield from is_free_again(worker)
 
 
@@ -257,8 +252,9 @@ def is_interrupted() -> Steps:
 def quits() -> Steps:
     """Quit while a run goes on, in a Blender of its own."""
     told = EXCHANGE / "worker.pid"
+    start = str(EXCHANGE / "start.py")
     other = subprocess.run(
-        ["blender", "--gpu-backend", "opengl", "--python", __file__, "--", QUIT],
+        ["blender", "--gpu-backend", "opengl", "--python", start, "--", QUIT],
         capture_output=True,
         text=True,
         timeout=60,
@@ -284,9 +280,7 @@ def quit_in_a_run() -> Steps:
 
 def everything() -> Steps:
     os.environ["TVBRDF_WORKER"] = STUB
-    yield 1.0
-    # Away with the splash screen.
-    yield from key("Escape")
+    yield from away_with_the_splash_screen()
     build_scene()
     yield from show_panel()
     for each in (

@@ -1,31 +1,29 @@
 """Frame changes in a window: Material Preview, drawn anew on every frame.
 
-    windowed-blender scrub_in_window.py EXCHANGE_FOLDER EXTENSION.zip
-
-The exchange folder must hold `scrub_scene.py`, numpy for Python 3.13 in `site-packages`, and
-`results`, a folder of results.  Leaves `window.json` there, and a picture of each result's last
-frame.
+Beside it are `scrub_scene.py` and `results`, a folder of results.  Leaves `window.json`, and a
+picture of each result's last frame.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 import time
-import traceback
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 import bpy
 import gpu
+from scrub_scene import build, show_result, summary, timed
+from windowed_steps import (
+    EXCHANGE,
+    EXTENSION,
+    Steps,
+    away_with_the_splash_screen,
+    go_through,
+    shoot,
+)
 
-EXCHANGE = Path("/exchange")
-sys.path[:0] = [str(EXCHANGE), str(EXCHANGE / "site-packages")]
-from scrub_scene import build, show_result, summary, timed  # noqa: E402
-
-EXTENSION = "bl_ext.user_default.tvbrdf"
 # Shaders are compiled by software, too.
 PATIENCE = 120.0
 
@@ -47,10 +45,6 @@ def draw() -> None:
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
 
 
-def shoot(name: str) -> None:
-    subprocess.run(["import", "-window", "root", str(EXCHANGE / f"{name}.png")], check=True)
-
-
 def centre(area: bpy.types.Area) -> bytes:
     """The pixels in the middle of the area, as they are on the screen."""
     x = area.x + area.width // 2
@@ -59,7 +53,7 @@ def centre(area: bpy.types.Area) -> bytes:
     return subprocess.run(crop, check=True, capture_output=True).stdout
 
 
-def wait_for_shaders(area: bpy.types.Area, last: int) -> Iterator[float]:
+def wait_for_shaders(area: bpy.types.Area, last: int) -> Steps:
     """Until the first frame and the last are seen to differ."""
     began = time.monotonic()
     while True:
@@ -73,7 +67,7 @@ def wait_for_shaders(area: bpy.types.Area, last: int) -> Iterator[float]:
         yield 1.0
 
 
-def measure(folder: Path) -> Iterator[float]:
+def measure(folder: Path) -> Generator[float, None, dict[str, object]]:
     material = build()
     yield 1.0
     area = prepare()
@@ -87,34 +81,16 @@ def measure(folder: Path) -> Iterator[float]:
     shoot(folder.name)
     facts["viewer"] = f"Material Preview, {area.width} x {area.height} px"
     facts |= summary(still, first, again)
-    found.append(facts)
+    return facts
 
 
-def everything() -> Iterator[float]:
-    # Away with the splash screen.
-    yield 1.0
-    subprocess.run(["xdotool", "key", "Escape"], check=True)
-    yield 1.0
+def everything() -> Steps:
+    found: list[dict[str, object]] = []
+    yield from away_with_the_splash_screen()
     for folder in sorted((EXCHANGE / "results").iterdir()):
-        yield from measure(folder)
+        found.append((yield from measure(folder)))
         report = {"renderer": gpu.platform.renderer_get(), "measured": found}
         (EXCHANGE / "window.json").write_text(json.dumps(report), encoding="utf-8")
 
 
-found: list[dict[str, object]] = []
-steps = everything()
-
-
-def advance() -> float:
-    try:
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
-            return next(steps)
-    except StopIteration:
-        os._exit(0)
-    except BaseException:
-        traceback.print_exc()
-        shoot("failed")
-        os._exit(1)
-
-
-bpy.app.timers.register(advance, first_interval=2, persistent=True)
+go_through(everything(), "scrubbing")

@@ -1,11 +1,11 @@
 """Measures how fast an aged material can be scrubbed: in a window, and in Cycles without one.
 
-    python tests/blender/scrubbing.py OUTPUT_FOLDER [RESULT_FOLDER ...] [--sizes 1024 4096]
+    python -m tests.benchmarks.scrubbing OUTPUT_FOLDER [RESULT_FOLDER ...] [--sizes 1024 4096]
         [--frames 9] [--no-window]
 
 A result is what `age` wrote, `aged.json` and its files.  Without any, random ones are made: one
 with a file for each frame, one with a file for every fourth, and a live one, of each size.  Prints
-and leaves `scrubbing.json`.  The window is that of `windowed-blender` (../shared/tools), whose
+and leaves `scrubbing.json`.  The window is that of `tests/blender/windowed.py`, whose
 OpenGL is software: compare its figures with those of the same scene unaged, not with a GPU's.
 """
 
@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -21,13 +20,11 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(ROOT))
-from model_runtime.images import write_exr  # noqa: E402
-from tests.blender.live_cases import made_up_live  # noqa: E402
-from tests.blender.test_windowed import BLENDER, TOOL, unpack_numpy  # noqa: E402
+from model_runtime.images import write_exr
+from tests.blender.live_cases import made_up_live
+from tests.blender.windowed import AVAILABLE, run_in_window
 
+HERE = Path(__file__).resolve().parent
 EVERY = 4
 CHANNELS = {"base_color": 3, "metallic": 1, "specular": 1, "roughness": 1}
 WINDOW_SECONDS = 1500
@@ -101,20 +98,13 @@ def in_cycles(folder: Path, output: Path) -> list[dict[str, object]]:
 
 
 def in_window(output: Path) -> dict[str, object]:
-    build = [sys.executable, str(ROOT / ".ci" / "extension.py"), "build", "--wheels", "none"]
-    built = subprocess.run(
-        [*build, "--output", str(ROOT / "build")], check=True, capture_output=True, text=True
+    run_in_window(
+        HERE / "scrub_in_window.py",
+        output,
+        HERE / "scrub_scene.py",
+        seconds=WINDOW_SECONDS,
+        screen="800x600",
     )
-    shutil.copy(HERE / "scrub_scene.py", output)
-    unpack_numpy(output / "site-packages")
-    run = subprocess.run(
-        [str(TOOL), str(HERE / "scrub_in_window.py"), str(output), built.stdout.strip()],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"TIMEOUT": str(WINDOW_SECONDS), "SCREEN_SIZE": "800x600"},
-    )
-    if run.returncode:
-        raise SystemExit(f"In the window: {run.stdout[-3000:]}{run.stderr[-3000:]}")
     return json.loads((output / "window.json").read_text(encoding="utf-8"))
 
 
@@ -131,7 +121,7 @@ def main() -> None:
     report: dict[str, object] = {
         "cycles": [each for folder in folders for each in in_cycles(folder, output)]
     }
-    if not arguments.no_window and TOOL.is_file() and BLENDER.is_file():
+    if not arguments.no_window and AVAILABLE:
         report["window"] = in_window(output)
     text = json.dumps(report, indent=1)
     (output / "scrubbing.json").write_text(text, encoding="utf-8")
