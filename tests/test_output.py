@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tvbrdf.model_runtime.output.commit import recover
 from tvbrdf.tvbrdf_addon.errors import SettingsError
 from tvbrdf.tvbrdf_addon.material.result import read_result
-from tvbrdf.tvbrdf_addon.output import file_safe, free_folder, require_writable
+from tvbrdf.tvbrdf_addon.output import file_safe, folder_meant, free_folder, require_writable
 
 
 @pytest.mark.parametrize(
@@ -125,3 +125,24 @@ def test_whoever_reads_a_result_undoes_what_a_killed_worker_had_begun(tmp_path: 
     result = read_result(folder)
     assert [each.files[0].read_text() for each in result.maps] == ["old"] * 4
     assert list(tmp_path.iterdir()) == [folder]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there they are folders of this machine")
+class TestPathsOfWindows:
+    @pytest.mark.parametrize(
+        "text", ["//tex\\aged\\", "//tex\\aged", "//tex/aged/", "//tex/aged\\", "//.\\tex\\aged"]
+    )
+    def test_beside_the_file_are_folders(self, text: str):
+        assert folder_meant(text, "/shots/7/") == Path("/shots/7/tex/aged")
+
+    def test_above_the_file_too(self):
+        folder = folder_meant("//..\\tex\\aged\\", "/shots/7/")
+        assert Path(os.path.normpath(folder)) == Path("/shots/tex/aged")
+
+    @pytest.mark.parametrize("text", ["C:\\tex\\aged", "c:/tex", "\\\\server\\share\\tex"])
+    def test_on_a_drive_are_refused(self, text: str):
+        with pytest.raises(SettingsError, match="drive of Windows"):
+            folder_meant(text, "/shots/7/")
+
+    def test_a_backslash_in_a_folder_of_this_machine_stays(self):
+        assert folder_meant("/tmp/a\\b", "/shots/7/") == Path("/tmp/a\\b")

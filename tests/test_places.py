@@ -12,12 +12,20 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from model_runtime.contract import REPORT
 from model_runtime.errors import OutputError
+from model_runtime.output import stored
 from model_runtime.output.stored import StagedResult, check_space
-from tests.test_result import GREY, contents, leftovers, names, write
+from tests.staged_results import GREY, contents, leftovers, names, write
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Not there yet, and with characters that paths may have."""
+    return tmp_path / "inner" / "aged [ü] 1*"
 
 
 def needs(command: list[str]) -> None:
@@ -221,3 +229,118 @@ def test_folders_made_for_a_result_that_does_not_come_go_again(tmp_path: Path):
     with StagedResult(tmp_path / "a" / "b" / "aged") as staged:
         staged.write(names(1)[0], GREY)
     assert list(tmp_path.iterdir()) == []
+
+
+class TestWhatCannotBeWritten:
+    def test_a_file_where_the_folder_should_be(self, tmp_path: Path):
+        (tmp_path / "aged").write_text("mine")
+        with (
+            pytest.raises(OutputError, match="is a file, not a folder"),
+            StagedResult(tmp_path / "aged"),
+        ):
+            pass
+        assert (tmp_path / "aged").read_text() == "mine"
+
+    def test_a_file_where_its_parent_should_be(self, tmp_path: Path):
+        (tmp_path / "inner").write_text("mine")
+        with pytest.raises(OutputError, match="cannot be written"):
+            write(tmp_path / "inner" / "aged", 1)
+
+    @pytest.mark.skipif(os.name == "nt", reason="links need a privilege on Windows")
+    def test_a_link_that_leads_nowhere(self, tmp_path: Path):
+        (tmp_path / "aged").symlink_to(tmp_path / "none" / "none")
+        with pytest.raises(OutputError):
+            write(tmp_path / "aged", 1)
+        assert leftovers(tmp_path / "aged") == []
+
+    def test_a_folder_without_permission(self, tmp_path: Path):
+        (tmp_path / "inner").mkdir(mode=0o500)
+        if os.access(tmp_path / "inner", os.W_OK):
+            pytest.skip("permissions do not bind this user (root)")
+        with pytest.raises(OutputError, match="cannot be written"):
+            write(tmp_path / "inner" / "aged", 1)
+
+    def test_a_read_only_file_system(self, folder: Path, monkeypatch: pytest.MonkeyPatch):
+        write(folder, 2)
+        before = contents(folder)
+
+        def refuse(*_: object, **__: object) -> None:
+            raise OSError(30, "Read-only file system")
+
+        monkeypatch.setattr(Path, "mkdir", refuse)
+        with pytest.raises(OutputError, match="Read-only file system"):
+            write(folder, 1)
+        assert contents(folder) == before
+
+    def test_an_image_that_cannot_be_written(self, folder: Path, monkeypatch: pytest.MonkeyPatch):
+        """Whichever of the queued ones it is, the run ends with its error."""
+        write(folder, 2)
+        before = contents(folder)
+
+        def refuse(path: Path, pixels: object, **_: object) -> None:
+            raise OutputError(
+                f"{path.name} cannot be written: No space left on device.", "Free it."
+            )
+
+        monkeypatch.setattr(stored, "write_exr", refuse)
+        with pytest.raises(OutputError, match="No space left"):
+            write(folder, 30)
+        assert contents(folder) == before
+        assert leftovers(folder) == []
+
+
+class TestSpace:
+    def test_too_little_is_said_before_anything_is_done(
+        self, folder: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        monkeypatch.setattr(
+            stored.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(10**9, 10**9, 5_000_000)
+        )
+        check_space(folder, 5_000_000)
+        with pytest.raises(OutputError, match=r"may need 6 MB; .* has 5 left") as error:
+            check_space(folder, 6_000_000)
+        assert "smaller size" in error.value.hint
+        assert not folder.exists()
+
+    def test_the_disk_asked_is_that_of_the_nearest_folder_there_is(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ):
+        asked = []
+
+        def usage(path: Path):
+            asked.append(path)
+            return shutil._ntuple_diskusage(1, 0, 1)
+
+        monkeypatch.setattr(stored.shutil, "disk_usage", usage)
+        check_space(tmp_path / "a" / "b" / "c", 1)
+        check_space(tmp_path, 1)
+        monkeypatch.chdir(tmp_path)
+        check_space(Path("aged"), 1)
+        assert [Path(path).resolve() for path in asked] == [tmp_path.resolve()] * 3
+
+    @pytest.fixture
+    def small_disk(self, tmp_path: Path) -> Iterator[Path]:
+        """A file system of 256 kB."""
+        disk = tmp_path / "disk"
+        disk.mkdir()
+        mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(disk)]
+        if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
+            pytest.skip("no file system can be mounted here")
+        yield disk
+        subprocess.run(["umount", str(disk)], check=True)
+
+    def test_a_disk_that_is_full_in_the_middle(self, small_disk: Path):
+        write(small_disk / "aged", 3)
+        before = contents(small_disk / "aged")
+        noise = np.random.default_rng(0).random((128, 128, 3), np.float32)
+
+        def fill() -> None:
+            with StagedResult(small_disk / "aged") as staged:
+                for name in names(12):
+                    staged.write(name, noise)
+                staged.commit({"files": {"alpha": names(12)}})
+
+        with pytest.raises(OutputError, match="No space left"):
+            fill()
+        assert contents(small_disk / "aged") == before
+        assert leftovers(small_disk / "aged") == []

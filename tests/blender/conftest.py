@@ -4,6 +4,7 @@ In this process (bpy from `.venv`; fast, one Blender for all tests):
 
 - `empty_scene`: an empty factory file with the add-on registered from the working tree; yields
   the scene.  Ask for it in every test that touches bpy, because state leaks between tests.
+- `stub_worker`: runs of the add-on are done by the stub, in a moment.
 
 In a process of its own (bpy from `.venv-blender`, which holds no torch, OpenEXR or safetensors):
 
@@ -61,6 +62,12 @@ def empty_scene() -> Iterator[bpy.types.Scene]:
     finally:
         tvbrdf.unregister()
         bpy.ops.wm.read_factory_settings(use_empty=True)
+
+
+@pytest.fixture
+def stub_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TVBRDF_WORKER", str(HERE.parent / "stub_worker.py"))
+    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0.05")
 
 
 @pytest.fixture(scope="session")

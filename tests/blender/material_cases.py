@@ -73,6 +73,52 @@ def procedural(material: bpy.types.Material) -> None:
     link(material, noise.outputs[0], "Metallic")
 
 
+def awkward(material) -> None:
+    """Links in every order, frames, reroutes, muted links, keys, drivers, odd settings."""
+    procedural(material)
+    tree, inputs = material.node_tree, principled_of(material).inputs
+    principled_of(material).distribution = "MULTI_GGX"
+    frame = add(material, "NodeFrame", label="Mine")
+    noise = next(n for n in tree.nodes if n.type == "TEX_NOISE")
+    noise.parent, noise.location = frame, (-300, 77)
+    reroute = add(material, "NodeReroute")
+    tree.links.new(noise.outputs[0], reroute.inputs[0])
+    link(material, reroute.outputs[0], "Specular IOR Level")
+    tint = add(material, "ShaderNodeRGB")
+    link(material, tint.outputs[0], "Specular Tint")
+    inputs["Specular Tint"].links[0].is_muted = True
+    bump = add(material, "ShaderNodeBump")
+    tree.links.new(noise.outputs[0], bump.inputs["Height"])
+    link(material, bump.outputs[0], "Normal")
+    inputs["IOR"].default_value = 1.7
+    inputs["IOR"].keyframe_insert("default_value", frame=3)
+    noise.inputs["Scale"].keyframe_insert("default_value", frame=3)
+    noise.inputs["Scale"].default_value = 9.0
+    noise.inputs["Scale"].keyframe_insert("default_value", frame=30)
+    driver = noise.inputs["Detail"].driver_add("default_value").driver
+    driver.expression = "frame / 10"
+    age = add(material, "ShaderNodeValue")
+    age.name = "Age"
+    tree.nodes.active = noise
+
+
+def textured(material, pixels: np.ndarray, socket: str = "Base Color", **settings):
+    """An Image Texture with these pixels that feeds the socket."""
+    colorspace = settings.pop("colorspace", "Non-Color")
+    floating = settings.pop("floating", False)
+    made = image(f"{socket} image", pixels, colorspace=colorspace, floating=floating)
+    node = add(material, "ShaderNodeTexImage", image=made, **settings)
+    link(material, node.outputs["Color"], socket)
+    return node
+
+
+def baked_material() -> bpy.types.Material:
+    """One whose colour only a bake tells."""
+    material = new_material()
+    procedural(material)
+    return material
+
+
 def read_maps(folder: Path) -> dict[str, np.ndarray]:
     """The maps that `read` wrote, as OpenEXR sees them."""
     return {path.stem: pixels(path) for path in sorted(folder.glob("*.exr"))}

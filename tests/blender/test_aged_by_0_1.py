@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import emitting
 from tests.blender.material_cases import made_up, principled_of, render, view_from_above
-from tests.blender.test_bind import emitting
 from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
 from tvbrdf.tvbrdf_addon.material.nodes.animation import channels
 from tvbrdf.tvbrdf_addon.material.nodes.record import is_live
@@ -70,10 +70,8 @@ def test_it_reverts(paint: bpy.types.Material, name: str):
     assert principled_of(material).inputs["Base Color"].is_linked == (name == "Paint")
 
 
-def test_it_ages_again_as_all_do_now(
-    paint: bpy.types.Material, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
-    monkeypatch.setenv("TVBRDF_WORKER", str(HERE.parent / "stub_worker.py"))
+@pytest.mark.usefixtures("stub_worker")
+def test_it_ages_again_as_all_do_now(paint: bpy.types.Material):
     paint.tvbrdf.size = 16
     assert bpy.ops.tvbrdf.age_material(material="Paint") == {"FINISHED"}
     assert is_live(paint)

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import read
 from tests.blender.material_cases import (
     add,
     image,
@@ -16,7 +17,6 @@ from tests.blender.material_cases import (
     procedural,
     read_maps,
 )
-from tests.blender.test_bind import read
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 SIZE = 16

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import bind, emitting
 from tests.blender.material_cases import (
     add,
     image,
@@ -25,36 +24,6 @@ from tests.blender.material_cases import (
 )
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
-
-
-def read(material, obj, tmp_path: Path):
-    from tvbrdf.tvbrdf_addon.material.reading.read import read as read_material
-
-    folder = tmp_path / "maps"
-    folder.mkdir(exist_ok=True)
-    return read_material(
-        material=material, obj=obj, scene=bpy.context.scene, folder=folder, size=16
-    )
-
-
-def bind(material, obj, folder: Path, tmp_path: Path, span=(1, 10)):
-    from tvbrdf.tvbrdf_addon.material.binding.bind import bind as bind_material
-
-    return bind_material(
-        material=material,
-        reading=read(material, obj, tmp_path),
-        folder=folder,
-        frame_start=span[0],
-        frame_end=span[1],
-    )
-
-
-def emitting(material) -> None:
-    """Shows Base Color as light, so that a render gives its value."""
-    tree = material.node_tree
-    emission = add(material, "ShaderNodeEmission")
-    tree.links.new(principled_of(material).inputs[0].links[0].from_socket, emission.inputs[0])
-    tree.links.new(emission.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
 
 
 def sockets_of(material):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 import pytest
 
+from tests.blender.aged_cases import read, refusal
 from tests.blender.material_cases import new_material, plane, procedural
-from tests.blender.test_evaluated import modified
-from tests.blender.test_read import refusal
+from tests.blender.object_cases import modified
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 
@@ -85,8 +85,6 @@ def instanced(obj: bpy.types.Object) -> bpy.types.Object:
 
 
 def test_one_that_is_only_instanced(tmp_path):
-    from tests.blender.test_bind import read
-
     material = new_material()
     procedural(material)
     part = named(material, "Part")
@@ -117,8 +115,6 @@ def test_where_no_object_shows_it_the_slot_is_named(tmp_path):
     "add_one", [bpy.ops.object.text_add, bpy.ops.curve.primitive_bezier_circle_add]
 )
 def test_a_start_everywhere_at_once_needs_no_uvs(tmp_path, add_one):
-    from tests.blender.test_bind import read
-
     material = new_material()
     add_one()
     obj = bpy.context.object

@@ -24,14 +24,13 @@ from tvbrdf.tvbrdf_addon import session
 from tvbrdf.tvbrdf_addon.cli import main
 from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
 
-STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"
+pytestmark = pytest.mark.usefixtures("stub_worker")
 USUAL = ("--ntm", "rust", "--frames", "1-20", "--steps", "4", "--onset", "none", "--size", "16")
 
 
 @pytest.fixture
 def folder(empty_scene: bpy.types.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of a saved file with three planes of Steel, Copper and Oak."""
-    monkeypatch.setenv("TVBRDF_WORKER", str(STUB))
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0")
     monkeypatch.chdir(tmp_path)
     for name in ("Steel", "Copper", "Oak"):

@@ -18,7 +18,8 @@ import tests.conftest, tvbrdf
 from tests.blender.material_cases import (
     made_up, new_material, plane, principled_of, procedural, render, view_from_above
 )
-from tests.blender.test_bind import bind, emitting
+from tests.blender.aged_cases import bind
+from tests.blender.aged_cases import emitting
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
 tvbrdf.register()

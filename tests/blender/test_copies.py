@@ -5,12 +5,11 @@ from __future__ import annotations
 import bpy
 import pytest
 
+from tests.blender.aged_cases import bind, sentence, settled
 from tests.blender.live_cases import made_up_live
-from tests.blender.material_cases import add, made_up, new_material, plane
+from tests.blender.material_cases import add, awkward, made_up, new_material, plane
 from tests.blender.surface_cases import in_nested_groups, show_group
-from tests.blender.test_bind import bind
-from tests.blender.test_damage import aged, sentence
-from tests.blender.test_revert import awkward, settled
+from tests.blender.test_damage import aged
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

@@ -13,19 +13,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.blender.aged_cases import FORMATS, bind, emitting, sentence, settled
 from tests.blender.material_cases import (
     add,
+    awkward,
     made_up,
     new_material,
     plane,
     procedural,
     render,
-    snapshot,
     view_from_above,
 )
 from tests.blender.surface_cases import in_nested_groups
-from tests.blender.test_bind import bind, emitting
-from tests.blender.test_revert import FORMATS, awkward, settled
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 SHARED = settings(
@@ -41,22 +40,6 @@ def aged(tmp_path: Path, build: Callable = awkward, kind: str = "principled"):
     before = settled(material)
     bind(material, obj, made_up(tmp_path / "aged", kind), tmp_path)
     return material, before, obj
-
-
-def sentence(operate: Callable[[], object]) -> str:
-    """What `operate` says, which must change nothing; empty where it does what it is to do."""
-    from tvbrdf.tvbrdf_addon.errors import MaterialError
-
-    before = [snapshot(material) for material in bpy.data.materials]
-    said = ""
-    try:
-        operate()
-    except MaterialError as error:
-        said = str(error)
-    if said:
-        assert said[-1] == "."
-        assert [snapshot(material) for material in bpy.data.materials] == before
-    return said
 
 
 # The record

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import read
 from tests.blender.material_cases import (
     add,
     image,
@@ -18,8 +19,7 @@ from tests.blender.material_cases import (
     procedural,
     read_maps,
 )
-from tests.blender.test_bind import read
-from tests.blender.test_evaluated import modified
+from tests.blender.object_cases import modified
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

@@ -12,6 +12,7 @@ import pytest
 from model_runtime.brdf import principled
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.reading.inputs import read_input
+from tests.blender.aged_cases import bind, read
 from tests.blender.material_cases import (
     add,
     add_sun,
@@ -24,7 +25,6 @@ from tests.blender.material_cases import (
     view_from_above,
     write_result,
 )
-from tests.blender.test_bind import bind, read
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

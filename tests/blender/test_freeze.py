@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import bind, emitting
 from tests.blender.material_cases import (
     made_up,
     new_material,
@@ -16,7 +17,6 @@ from tests.blender.material_cases import (
     snapshot,
     view_from_above,
 )
-from tests.blender.test_bind import bind, emitting
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

@@ -8,7 +8,9 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import bind, settled
 from tests.blender.live_cases import made_up_live
+from tests.blender.live_materials import data_blocks, emitting, shown
 from tests.blender.material_cases import (
     add,
     new_material,
@@ -17,9 +19,6 @@ from tests.blender.material_cases import (
     procedural,
     view_from_above,
 )
-from tests.blender.test_bind import bind
-from tests.blender.test_live import data_blocks, emitting, shown
-from tests.blender.test_revert import settled
 from tvbrdf.tvbrdf_addon.material.binding.freeze_live import freeze_live
 from tvbrdf.tvbrdf_addon.material.nodes.animation import channels, remove_keys
 from tvbrdf.tvbrdf_addon.material.nodes.revert import revert

@@ -16,26 +16,12 @@ from tests.blender.material_cases import (
     pixels,
     plane,
 )
+from tests.blender.object_cases import NAME, paint
 from tests.blender.test_bake import SIZE, U, V
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
-NAME = "Wear"
 # A byte attribute holds sRGB: its coarsest step, near white, is 2.2 of 255 in linear light.
 BYTE = 1.2 / 255
-
-
-def paint(
-    obj: bpy.types.Object, color, *, kind: str = "FLOAT_COLOR", domain: str = "POINT", name=NAME
-) -> None:
-    """Gives the mesh an attribute; `color` makes a number or a colour of the vertex's place."""
-    mesh = obj.data
-    attribute = mesh.color_attributes.new(name, kind, domain)
-    vertices = (
-        range(len(mesh.vertices)) if domain == "POINT" else [x.vertex_index for x in mesh.loops]
-    )
-    for element, vertex in zip(attribute.data, vertices, strict=True):
-        rgb = np.broadcast_to(color(*mesh.vertices[vertex].co), 3)
-        element.color = (*rgb, 1.0)
 
 
 def across(x: float, _y: float, _z: float) -> float:

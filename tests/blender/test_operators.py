@@ -20,14 +20,8 @@ from tvbrdf.tvbrdf_addon.material.nodes.record import is_live
 from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
 from tvbrdf.tvbrdf_addon.run import Run
 
-STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"
+pytestmark = pytest.mark.usefixtures("stub_worker")
 STEPS = 4
-
-
-@pytest.fixture(autouse=True)
-def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TVBRDF_WORKER", str(STUB))
-    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0.05")
 
 
 @pytest.fixture

@@ -16,13 +16,12 @@ from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
 from tvbrdf.tvbrdf_addon.outlook import is_worth_a_preview
 from tvbrdf.tvbrdf_addon.run import Run
 
-STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"
+pytestmark = pytest.mark.usefixtures("stub_worker")
 
 
 @pytest.fixture
 def folder(empty_scene: bpy.types.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of a saved file with a material, Steel, of which textures of 512 px are made."""
-    monkeypatch.setenv("TVBRDF_WORKER", str(STUB))
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "1")
     material = add_material("Steel")
     material.tvbrdf.size, material.tvbrdf.onset, material.tvbrdf.steps = 512, "auto", 20

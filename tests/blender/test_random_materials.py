@@ -16,17 +16,11 @@ import pytest
 import tvbrdf
 from tests.blender.material_cases import render, snapshot, view_from_above
 from tests.blender.random_materials import build
-from tests.blender.test_operators import STUB
 
+pytestmark = pytest.mark.usefixtures("stub_worker")
 COUNT = int(os.environ.get("TVBRDF_RANDOM_MATERIALS", "6"))
 FIRST = int(os.environ.get("TVBRDF_RANDOM_SEED", "0"))
 LAST_FRAME = 9
-
-
-@pytest.fixture(autouse=True)
-def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TVBRDF_WORKER", str(STUB))
-    monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0.01")
 
 
 def everything() -> dict[str, object]:

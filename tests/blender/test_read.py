@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import bind, read
 from tests.blender.material_cases import (
     add,
     image,
@@ -20,8 +20,8 @@ from tests.blender.material_cases import (
     procedural,
     read_maps,
     snapshot,
+    textured,
 )
-from tests.blender.test_bind import bind, read
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 RNG = np.random.default_rng(3)
@@ -29,24 +29,6 @@ RNG = np.random.default_rng(3)
 
 def srgb_to_linear(value: float) -> float:
     return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
-
-
-def textured(material, pixels: np.ndarray, socket: str = "Base Color", **settings):
-    """An Image Texture with these pixels that feeds the socket."""
-    colorspace = settings.pop("colorspace", "Non-Color")
-    floating = settings.pop("floating", False)
-    made = image(f"{socket} image", pixels, colorspace=colorspace, floating=floating)
-    node = add(material, "ShaderNodeTexImage", image=made, **settings)
-    link(material, node.outputs["Color"], socket)
-    return node
-
-
-def refusal(material, obj, tmp_path: Path) -> str:
-    from tvbrdf.tvbrdf_addon.errors import MaterialError
-
-    with pytest.raises(MaterialError) as caught:
-        read(material, obj, tmp_path)
-    return str(caught.value)
 
 
 def test_constants_are_maps_of_one_texel(tmp_path):
@@ -303,115 +285,3 @@ def test_reading_leaves_nothing_behind(tmp_path):
     before = everything()
     read(material, obj, tmp_path)
     assert everything() == before
-
-
-# What cannot be read
-
-
-def _emission(material) -> None:
-    tree = material.node_tree
-    surface = tree.get_output_node("CYCLES").inputs["Surface"]
-    tree.links.new(add(material, "ShaderNodeEmission").outputs[0], surface)
-
-
-def _mix(material) -> None:
-    tree = material.node_tree
-    surface = tree.get_output_node("CYCLES").inputs["Surface"]
-    tree.links.new(add(material, "ShaderNodeMixShader").outputs[0], surface)
-
-
-def _no_surface(material) -> None:
-    material.node_tree.links.clear()
-
-
-def _no_output(material) -> None:
-    nodes = material.node_tree.nodes
-    nodes.remove(material.node_tree.get_output_node("CYCLES"))
-
-
-def _muted(material) -> None:
-    principled_of(material).mute = True
-
-
-def _no_image(material) -> None:
-    link(material, add(material, "ShaderNodeTexImage").outputs[0], "Base Color")
-
-
-def _missing_image(material) -> None:
-    made = bpy.data.images.new("Lost", 4, 4)
-    made.source = "FILE"
-    made.filepath = "/nowhere/lost.png"
-    link(material, add(material, "ShaderNodeTexImage", image=made).outputs[0], "Base Color")
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (_emission, "an Emission shader"),
-        (_mix, "a Mix Shader"),
-        (_no_surface, "Nothing is connected"),
-        (_no_output, "no Material Output"),
-        (_muted, "muted"),
-        (_no_image, "has no image"),
-        (_missing_image, "cannot be loaded"),
-    ],
-)
-def test_unreadable_materials_are_refused_with_a_sentence(tmp_path, spoil, words):
-    material = new_material()
-    spoil(material)
-    obj = plane(material)
-    before = snapshot(material)
-    assert words in refusal(material, obj, tmp_path)
-    assert snapshot(material) == before
-
-
-def test_objects_without_uvs_are_refused_where_uvs_are_needed(tmp_path):
-    material = new_material()
-    procedural(material)
-    obj = plane(material)
-    assert "select an object" in refusal(material, None, tmp_path)
-    assert "does not use" in refusal(material, plane(), tmp_path)
-    obj.data.uv_layers.remove(obj.data.uv_layers[0])
-    assert "no UV map" in refusal(material, obj, tmp_path)
-    bpy.ops.mesh.primitive_plane_add()
-    tiled = bpy.context.object
-    tiled.data.materials.append(material)
-    for corner in tiled.data.uv_layers[0].data:
-        corner.uv *= 4
-    assert "outside the square" in refusal(material, tiled, tmp_path)
-    bpy.ops.curve.primitive_bezier_circle_add()
-    curve = bpy.context.object
-    curve.data.materials.append(material)
-    assert "no mesh" in refusal(material, curve, tmp_path)
-
-
-def test_a_linked_material_is_refused_with_the_way_out(tmp_path):
-    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
-
-    new_material("Steel").use_fake_user = True
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
-        wanted.materials = ["Steel"]
-    assert "Make Local" in why_not(bpy.data.materials["Steel"], None)
-
-
-@pytest.mark.parametrize(
-    ("socket", "value"), [("Base Color", 1e5), ("IOR", 2e3), ("Specular IOR Level", 200.0)]
-)
-def test_numbers_beyond_all_surfaces_are_refused_by_the_sockets_name(tmp_path, socket, value):
-    material = new_material()
-    material.tvbrdf.onset = "none"
-    number = add(material, "ShaderNodeValue")
-    number.outputs[0].default_value = value
-    link(material, number.outputs[0], socket)
-    said = refusal(material, None, tmp_path)
-    assert said.startswith(f"The {socket} of the material is above ")
-    assert said.endswith("Lower what feeds it.")
-
-
-def test_a_division_by_zero_is_refused(tmp_path):
-    material = new_material()
-    values = np.full((2, 2, 3), np.nan, np.float32)
-    textured(material, values, floating=True)
-    assert "not a number" in refusal(material, plane(material), tmp_path)

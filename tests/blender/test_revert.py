@@ -9,56 +9,20 @@ from pathlib import Path
 import bpy
 import pytest
 
+from tests.blender.aged_cases import FORMATS, bind, settled
 from tests.blender.material_cases import (
     add,
+    awkward,
     link,
     made_up,
     new_material,
     plane,
     principled_of,
     procedural,
-    snapshot,
 )
-from tests.blender.test_bind import bind
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 ROOT = Path(__file__).resolve().parents[2]
-FORMATS = ("principled", "principled-exact", "torrance-sparrow")
-
-
-def awkward(material) -> None:
-    """Links in every order, frames, reroutes, muted links, keys, drivers, odd settings."""
-    procedural(material)
-    tree, inputs = material.node_tree, principled_of(material).inputs
-    principled_of(material).distribution = "MULTI_GGX"
-    frame = add(material, "NodeFrame", label="Mine")
-    noise = next(n for n in tree.nodes if n.type == "TEX_NOISE")
-    noise.parent, noise.location = frame, (-300, 77)
-    reroute = add(material, "NodeReroute")
-    tree.links.new(noise.outputs[0], reroute.inputs[0])
-    link(material, reroute.outputs[0], "Specular IOR Level")
-    tint = add(material, "ShaderNodeRGB")
-    link(material, tint.outputs[0], "Specular Tint")
-    inputs["Specular Tint"].links[0].is_muted = True
-    bump = add(material, "ShaderNodeBump")
-    tree.links.new(noise.outputs[0], bump.inputs["Height"])
-    link(material, bump.outputs[0], "Normal")
-    inputs["IOR"].default_value = 1.7
-    inputs["IOR"].keyframe_insert("default_value", frame=3)
-    noise.inputs["Scale"].keyframe_insert("default_value", frame=3)
-    noise.inputs["Scale"].default_value = 9.0
-    noise.inputs["Scale"].keyframe_insert("default_value", frame=30)
-    driver = noise.inputs["Detail"].driver_add("default_value").driver
-    driver.expression = "frame / 10"
-    age = add(material, "ShaderNodeValue")
-    age.name = "Age"
-    tree.nodes.active = noise
-
-
-def settled(material) -> dict[str, object]:
-    """The snapshot once Blender has evaluated keys and drivers."""
-    bpy.context.scene.frame_set(1)
-    return snapshot(material)
 
 
 @pytest.mark.parametrize("kind", FORMATS)

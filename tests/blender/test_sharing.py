@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 
 import tvbrdf
+from tests.blender.aged_cases import bind
 from tests.blender.live_cases import made_up_live
 from tests.blender.material_cases import image, made_up, new_material, plane, procedural
-from tests.blender.test_bind import bind
 from tvbrdf.tvbrdf_addon.material.binding.freeze_live import freeze_live
 
 pytestmark = pytest.mark.usefixtures("empty_scene")

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import read
 from tests.blender.material_cases import (
     add,
     image,
@@ -18,7 +19,6 @@ from tests.blender.material_cases import (
     render,
     view_from_above,
 )
-from tests.blender.test_bind import read
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

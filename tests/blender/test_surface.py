@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
+from tests.blender.aged_cases import FORMATS, bind, read, settled
 from tests.blender.material_cases import (
     add,
     add_sun,
@@ -35,8 +36,6 @@ from tests.blender.surface_cases import (
     show_group,
     through_a_group,
 )
-from tests.blender.test_bind import bind, read
-from tests.blender.test_revert import FORMATS, settled
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 

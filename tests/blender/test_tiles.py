@@ -11,6 +11,7 @@ import pytest
 
 from model_runtime.maps import PrincipledMaps
 from model_runtime.reading.inputs import read_input
+from tests.blender.aged_cases import bind
 from tests.blender.material_cases import (
     add,
     image,
@@ -22,9 +23,8 @@ from tests.blender.material_cases import (
     snapshot,
     view_from_above,
 )
-from tests.blender.test_bind import bind
+from tests.blender.object_cases import paint
 from tests.blender.test_frame_one import aged_authored, lit_scene, psnr
-from tests.blender.test_onset_map import paint
 from tvbrdf.tvbrdf_addon.errors import MaterialError
 
 pytestmark = pytest.mark.usefixtures("empty_scene")

@@ -71,7 +71,7 @@ class Albedos:
         """Integrate `evaluate`(angles [M, 3]) -> f [N, M, 3] over `rings` x `turns` directions.
 
         An incidence at a time. With the defaults, mirrors of alpha 1e-3 to 1 are right to 1e-4,
-        Disney's and measured materials to 5e-3 up to 85 degrees (tests/test_properties.py).
+        Disney's and measured materials to 5e-3 up to 85 degrees (tests/test_encoder_properties.py).
         """
         node, weight = _gauss(8)
         theta_i = torch.cat(
