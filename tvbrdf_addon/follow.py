@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-from . import properties
 from .known import scene_of
 from .material.binding.retime import keyed_range, retime
+from .material.nodes.age import frame_range
 from .material.nodes.record import is_aged
 from .material.reading.onset import showing
 
@@ -24,7 +24,7 @@ def follow() -> None:
         if not (is_aged(material) and settings.use_scene_range and showing(material, scene)):
             continue
         if material.library is None and keyed_range(material) == tuple(settings.keyed):
-            retime(material, *properties.frame_range(material, scene))
+            retime(material, *frame_range(material, scene))
 
 
 @persistent

@@ -27,6 +27,7 @@ from ..model_runtime.model_files import weights
 from . import preferences
 from .known import scene_of
 from .material.binding.retime import retime
+from .material.nodes.age import frame_range
 from .material.nodes.ownership import TAG
 from .models import OWN_FILE, enum_number, models_in
 
@@ -37,7 +38,6 @@ __all__ = (
     "SHOWN",
     "card_named",
     "card_of",
-    "frame_range",
     "model_file",
     "register",
     "unregister",
@@ -294,14 +294,6 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         description="Why the textures of the last run have their size; empty where it was chosen",
         options={"HIDDEN"},
     )
-
-
-def frame_range(material: bpy.types.Material, scene: bpy.types.Scene) -> tuple[int, int]:
-    """First and last frame of ageing."""
-    settings = material.tvbrdf
-    if settings.use_scene_range:
-        return scene.frame_start, scene.frame_end
-    return settings.frame_start, settings.frame_end
 
 
 def card_of(settings: TVBRDF_PG_material) -> weights.ModelCard | None:

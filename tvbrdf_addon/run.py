@@ -20,6 +20,7 @@ from ..model_runtime.errors import Cancelled
 from ..model_runtime.output.commit import recover
 from . import outlook, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
+from .material.nodes.age import frame_range
 from .material.nodes.revert import is_aged, revert
 from .material.reading.check import why_not as why_not_readable
 from .material.reading.chosen import object_named, object_with
@@ -81,7 +82,7 @@ def plan(
         raise MaterialError(reason)
     settings = material.tvbrdf
     model = _require_settings(material, scene)
-    frame_start, frame_end = properties.frame_range(material, scene)
+    frame_start, frame_end = frame_range(material, scene)
     parent = output.folder_meant(settings.output, bpy.path.abspath("//"))
     folder = output.free_folder(parent, material.name, _folders_in_use(material))
     output.require_writable(folder)
@@ -126,7 +127,7 @@ def _require_settings(material: bpy.types.Material, scene: bpy.types.Scene) -> P
     model = properties.model_file(settings)
     if model is None:
         raise SettingsError("No model is chosen.", "Choose what happens to the material.")
-    frame_start, frame_end = properties.frame_range(material, scene)
+    frame_start, frame_end = frame_range(material, scene)
     if frame_end <= frame_start:
         raise SettingsError(
             f"The frame range {frame_start} to {frame_end} is empty.",

@@ -75,7 +75,7 @@ def test_settings_survive_saving(empty_scene: bpy.types.Scene, tmp_path):
 
 
 def test_a_frame_range_set_by_hand_replaces_the_scenes(empty_scene: bpy.types.Scene):
-    from tvbrdf.tvbrdf_addon.properties import frame_range
+    from tvbrdf.tvbrdf_addon.material.nodes.age import frame_range
 
     material = bpy.data.materials.new("Steel")
     empty_scene.frame_start, empty_scene.frame_end = 10, 90

@@ -16,9 +16,26 @@ from .animation import (
     remove_keys,
 )
 
-__all__ = ("NAME", "age_at", "age_path", "as_age", "give_age", "hold_age", "take_age")
+__all__ = (
+    "NAME",
+    "age_at",
+    "age_path",
+    "as_age",
+    "frame_range",
+    "give_age",
+    "hold_age",
+    "take_age",
+)
 
 NAME = "Age"
+
+
+def frame_range(material: bpy.types.Material, scene: bpy.types.Scene) -> tuple[int, int]:
+    """First and last frame of ageing."""
+    settings = material.tvbrdf
+    if settings.use_scene_range:
+        return scene.frame_start, scene.frame_end
+    return settings.frame_start, settings.frame_end
 
 
 def give_age(material: bpy.types.Material, span: tuple[int, int]) -> tuple[AnimationBefore, str]:

@@ -14,7 +14,7 @@ import numpy as np
 from ....model_runtime.contract import EVERYWHERE
 from ...errors import MaterialError
 from ...known import image_texture, known, tree_of
-from ...properties import frame_range
+from ..nodes.age import frame_range
 from ..nodes.groups import own_groups, owned_groups, remove_unused
 from ..nodes.ownership import user_count
 from ..nodes.revert import revert
