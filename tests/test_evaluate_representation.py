@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib.image
+import numpy as np
 import pytest
 import torch
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import save_model
 from model_runtime.representation import build
+from tests.saved_figures import points_of, rounded, saved_figures, texts_of
 from training.evaluation.representation.evaluate import Curve, evaluate_representation
 from training.evaluation.representation.methods import METHODS, Budget, load_methods
 from training.evaluation.representation.report import main_table
 from training.evaluation.representation.results import Cell, Report
 from training.evaluation.representation.scoring import score, truth
-from training.evaluation.representation.sets import SETS, material_sets
+from training.evaluation.representation.sets import BAD_FITS, FRAMES, SETS, UNIFORM, material_sets
 from training.metric.sphere import MAPS, Sphere
 
 TINY = Budget(uniform=20, texel=5)
@@ -37,16 +40,26 @@ FIELDS = {
     "progress",
     "properties",
 }
-IMAGES = (
-    "representation_materials.png",
-    "representation_speed.png",
-    "representation_frames.png",
-    "representation_stability.png",
-    "spheres_best.png",
-    "spheres_median.png",
-    "spheres_worst.png",
-    "interpolation.png",
-)
+CHARTS = {
+    "representation_materials.png": lambda report: scores(report, UNIFORM),
+    "representation_frames.png": lambda report: scores(report, FRAMES),
+    "representation_speed.png": lambda report: {
+        point.encode_ms
+        for method in report.methods.values()
+        for point in method.curve
+        if point.samples == method.cost.samples
+    },
+    "representation_stability.png": lambda report: {
+        value
+        for method in report.methods.values()
+        if method.properties
+        for damage in method.properties["stability"].values()
+        for value in damage["mean"]
+        if value is not None
+    },
+}
+"""The numbers that a chart of the report has to show."""
+PAGES = ("spheres_best.png", "spheres_median.png", "spheres_worst.png")
 
 
 @pytest.fixture(scope="module")
@@ -55,17 +68,35 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def report(data_folder: Path, output: Path) -> Report:
-    """A small report of two methods."""
-    return evaluate_representation(
-        data_folder,
-        output,
-        pixels=8,
-        methods=("ours", "nbrdf"),
-        limit=3,
-        budget=TINY,
-        curve=Curve(materials=1, pixels=6),
-    )
+def made(data_folder: Path, output: Path) -> tuple[Report, dict[str, Figure]]:
+    """A small report of two methods, and its figures."""
+    with saved_figures() as figures:
+        report = evaluate_representation(
+            data_folder,
+            output,
+            pixels=8,
+            methods=("ours", "nbrdf"),
+            limit=3,
+            budget=TINY,
+            curve=Curve(materials=1, pixels=6),
+        )
+    return report, figures
+
+
+@pytest.fixture(scope="module")
+def report(made: tuple[Report, dict[str, Figure]]) -> Report:
+    return made[0]
+
+
+@pytest.fixture(scope="module")
+def figures(made: tuple[Report, dict[str, Figure]]) -> dict[str, Figure]:
+    return made[1]
+
+
+def scores(report: Report, sets: Sequence[str]) -> set[float]:
+    """In dB, of every method on every material of the sets."""
+    cells = [each for method in report.methods.values() for each in method.cells.items()]
+    return {value for name, cell in cells if name in sets for value in cell.materials.values()}
 
 
 @pytest.fixture
@@ -104,12 +135,43 @@ def test_a_bad_fit_is_listed_and_is_never_the_worst():
     assert cell["materials"]["chm_orange_rgb"] == 10.0
 
 
-@pytest.mark.parametrize("name", IMAGES)
-def test_images_are_written_and_show_something(report: Report, output: Path, name: str):
-    image = matplotlib.image.imread(output / name)
-    assert image.shape[1] > 500
-    assert image[..., :3].std() > 0.02
-    assert f"({name})" in (output / "representation.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", CHARTS)
+def test_charts_show_the_report_s_values(report: Report, figures: dict[str, Figure], name: str):
+    expected = {rounded(value) for value in CHARTS[name](report)}
+    assert expected
+    assert expected <= {number for point in points_of(figures[name]) for number in point}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_spheres_are_shown_with_their_scores(report: Report, figures: dict[str, Figure], name: str):
+    """Of three materials a set, each page has room for ten."""
+    values = sorted(
+        value
+        for set_name in UNIFORM
+        for material, value in report.methods["ours"].cells[set_name].materials.items()
+        if material not in BAD_FITS
+    )
+    middle = (len(values) - 10) // 2
+    chosen = {PAGES[0]: values[-10:], PAGES[1]: values[middle : middle + 10], PAGES[2]: values[:10]}
+    assert {f"{value:.1f} dB" for value in chosen[name]} <= set(texts_of(figures[name]))
+
+
+def test_a_walk_between_two_materials_leaves_the_first_and_nears_the_second(figures):
+    for row in np.array(figures["interpolation.png"].axes).reshape(2, -1):
+        first, *walk, last = (np.asarray(ax.images[0].get_array(), float) for ax in row)
+        from_first, from_last = (
+            [float(np.square(step - end).mean()) for step in walk] for end in (first, last)
+        )
+        assert from_first[0] < from_first[-1] and from_last[0] > from_last[-1]
+        assert from_first[0] < from_last[0] and from_first[-1] > from_last[-1]
+
+
+def test_the_page_shows_every_image(figures: dict[str, Figure], output: Path):
+    text = (output / "representation.md").read_text(encoding="utf-8")
+    assert {*CHARTS, *PAGES, "interpolation.png"} <= set(figures)
+    for name in figures:
+        assert f"({name})" in text
+        assert (output / name).is_file()
 
 
 def test_what_was_learned_and_rendered_is_used_again(
