@@ -11,7 +11,7 @@ import OpenEXR
 import pytest
 
 from tests.blender.material_cases import new_material, plane
-from tests.blender.test_evaluated import modified, with_nodes
+from tests.blender.object_cases import modified, with_nodes
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 SIZE = 128
