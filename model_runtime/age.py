@@ -185,7 +185,7 @@ def _write(
     if format != wanted:
         run.warn(
             "Some texels reflect more than the exact Principled mapping can hold (Ks above "
-            "0.8, or base colour above 1), so Torrance-Sparrow maps were written."
+            "0.8, or base color above 1), so Torrance-Sparrow maps were written."
         )
     return format, files
 

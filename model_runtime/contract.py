@@ -88,7 +88,7 @@ BALANCED: Final = "balanced"
 EXACT: Final = "exact"
 Quality = Literal["draft", "balanced", "exact"]
 QUALITIES: Mapping[str, Told] = {
-    DRAFT: Told("Draft", "A quick look, not checked: few distinct materials are modelled"),
+    DRAFT: Told("Draft", "A quick look, not checked: few distinct materials are modeled"),
     BALANCED: Told("Balanced", "Models as little as the tolerance allows, and checks that it does"),
     EXACT: Told(
         "Exact",
@@ -210,7 +210,7 @@ Stage = Literal["read", "onset", "model", "fit", "write"]
 STAGES: Mapping[Stage, str] = {
     "read": "reading",
     "onset": "reading",
-    "model": "modelling the change",
+    "model": "modeling the change",
     "fit": "finding what texels share",
     "write": "writing",
 }

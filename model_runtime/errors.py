@@ -97,7 +97,7 @@ class Cancelled(TvbrdfError):  # noqa: N818
     code = "cancelled"
 
     def __init__(self) -> None:
-        super().__init__("Cancelled; the earlier result is untouched.")
+        super().__init__("Canceled; the earlier result is untouched.")
 
 
 class OutOfMemoryError(TvbrdfError):

@@ -36,9 +36,10 @@ def load_age() -> Callable[..., dict[str, Any]]:
             from .age import age
     except (ImportError, OSError) as error:
         raise MissingLibraryError(
-            f"{shown(Path(sys.executable))} cannot load what ageing needs ({reason(error)}).",
+            f"{shown(Path(sys.executable))} cannot load what aging needs ({reason(error)}).",
             "Install the extension again from the zip made for this system, or set Worker Python "
-            "in its preferences to a Python that has torch, numpy, OpenEXR and safetensors.",
+            "in its preferences to a Python that has torch, numpy, OpenEXR, safetensors and "
+            "Pillow.",
         ) from error
     return age
 

@@ -80,7 +80,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "temporal_model": AFFINE,
         "device": CPU,
         "palette": 3,
-        "plan": [f"Modelled 3 distinct BRDFs instead of {SIDE * SIDE}."],
+        "plan": [f"Modeled 3 distinct BRDFs instead of {SIDE * SIDE}."],
         "fit_error": 0.0,
         "warnings": ["The stub paints flat colours."],
         "seconds": {"rollout": seconds},

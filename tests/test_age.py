@@ -115,7 +115,7 @@ class TestPrincipled:
         fractions = painted.listener.fractions
         assert fractions[0] == 0
         assert fractions[-1] == pytest.approx(1)
-        assert set(painted.listener.stages) == {"reading", "modelling the change", "writing"}
+        assert set(painted.listener.stages) == {"reading", "modeling the change", "writing"}
 
 
 class TestReport:
@@ -341,7 +341,7 @@ class TestInputThatChanges:
         meddle: Callable[[], object] = lambda: None
 
         def progress(self, stage: str, fraction: float) -> None:
-            if stage != "reading" and "modelling the change" not in self.stages:
+            if stage != "reading" and "modeling the change" not in self.stages:
                 self.meddle()
             super().progress(stage, fraction)
 

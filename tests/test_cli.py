@@ -352,7 +352,7 @@ class TestSignals:
         ("number", "stage", "before"),
         [
             # as in the background of a script
-            (signal.SIGINT, "modelling", "trap '' INT;"),
+            (signal.SIGINT, "modeling", "trap '' INT;"),
             (signal.SIGTERM, "writing", ""),
             (signal.SIGHUP, "reading", ""),
         ],

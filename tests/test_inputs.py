@@ -275,12 +275,12 @@ def test_metallic_and_roughness_end_at_one(tmp_path: Path) -> None:
 def test_paths_that_lead_to_no_material(tmp_path: Path) -> None:
     refused(tmp_path / "absent", "cannot be read")
     refused(Path("with\0zero"), "cannot be read")
-    refused(tmp_path, "no base colour")
+    refused(tmp_path, "no base color")
     (tmp_path / "x.fbx").write_text("")
     refused(tmp_path / "x.fbx", "not a material that can be read")
     refused(Path("/dev/null"), "not a material that can be read")
     save(tmp_path / "only_roughness.png")
-    refused(tmp_path, "no base colour")
+    refused(tmp_path, "no base color")
     (tmp_path / "x.bsdf").write_text("")
     refused(tmp_path / "x.bsdf", r"x\.bsdf")
     (tmp_path / "x.BINARY").write_text("")
@@ -342,7 +342,7 @@ def test_names_that_cannot_be_shown_or_are_endless_are_a_sentence(tmp_path: Path
         assert str(error).isprintable()
     folder = tmp_path / "\x1b[2J\udce9"
     folder.mkdir()
-    assert str(refused(folder, "no base colour")).isprintable()
+    assert str(refused(folder, "no base color")).isprintable()
     save(folder / "\x1b[2Joak_color.png")
     (folder / "\x1b[2Jpine_color.png").write_bytes(b"rubbish")
     assert str(refused(folder, "several materials")).isprintable()

@@ -283,7 +283,7 @@ class TestRun:
         last = read_image(tmp_path / "out" / names[-1], color=True)
         assert last.shape == (*aged["size"], 3)
         assert not last[..., (count - 1) % 3 + 1 :].any()
-        assert any("The shader does the ageing" in sentence for sentence in aged["plan"])
+        assert any("The shader does the aging" in sentence for sentence in aged["plan"])
 
     def test_frames_turn_live_and_back_without_a_trace(self, paint: Path, tmp_path: Path):
         out = tmp_path / "out"

@@ -223,7 +223,7 @@ def _parser() -> argparse.ArgumentParser:
         "--frames", type=_frames, required=True, metavar="A-B", help="the scene's range to age over"
     )
     parser.add_argument(
-        "--steps", type=_whole(2, RANGES["frames"][1]), metavar="N", help="frames to model (36)"
+        "--steps", type=_whole(2, RANGES["frames"][1]), metavar="N", help="stages to model (36)"
     )
     parser.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
     parser.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
@@ -237,7 +237,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--onset",
         metavar=f"auto|none|IMAGE|{ATTRIBUTE}NAME",
-        help="where ageing starts (auto): black in an image or a color attribute, white last",
+        help="where aging starts (auto): black in an image or a color attribute, white last",
     )
     parser.add_argument(
         "--onset-invert",

@@ -179,7 +179,7 @@ class _Ages(_OnMaterial):
 
     def cancel(self, context: bpy.types.Context) -> None:
         # Blender calls this when the window closes or another file is loaded.
-        reason = self._run.ended_by or "Ageing ended, because its window was closed."
+        reason = self._run.ended_by or "Aging ended, because its window was closed."
         self._end(context, icon="NONE", sentences=(reason,))
 
     def _end(

@@ -105,7 +105,7 @@ def _draw_model(
     settings = material.tvbrdf
     layout.prop(settings, "ntm")
     if settings.ntm == properties.OWN_FILE:
-        layout.prop(settings, "ntm_file", text="File")
+        layout.prop(settings, "ntm_file")
     elif (card := properties.card_of(settings)) is not None:
         box = layout.box()
         _paragraph(box, context, card.summary)
@@ -119,12 +119,12 @@ def _draw_range(
     column = layout.column(align=True)
     if settings.use_scene_range:
         column.enabled = False
-        column.prop(context.scene, "frame_start", text="Frames")
-        column.prop(context.scene, "frame_end", text="to")
+        column.prop(context.scene, "frame_start", text="First Frame")
+        column.prop(context.scene, "frame_end", text="Last Frame")
     else:
-        column.prop(settings, "frame_start", text="Frames")
-        column.prop(settings, "frame_end", text="to")
-    layout.prop(settings, "steps", text="Stages")
+        column.prop(settings, "frame_start")
+        column.prop(settings, "frame_end")
+    layout.prop(settings, "steps")
 
 
 def _draw_detail(layout: bpy.types.UILayout, material: bpy.types.Material) -> None:
@@ -185,7 +185,7 @@ def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
     row = layout.row()
     row.scale_y = 1.5
     row.alignment = "CENTER"
-    row.label(text=f"Ageing {run.plan.material_name}")
+    row.label(text=f"Aging {run.plan.material_name}")
     column = layout.column(align=True)
     left = "" if run.seconds_left is None else f"  {_time_left(run.seconds_left)}"
     column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}{left}")
@@ -194,9 +194,7 @@ def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
         column.label(text="Play: a preview is shown", icon="PLAY")
     row = layout.row()
     row.enabled = not run.cancel_requested
-    row.operator(
-        "tvbrdf.cancel", text="Cancelling…" if run.cancel_requested else "Cancel", icon="X"
-    )
+    row.operator("tvbrdf.cancel", text="Canceling…" if run.cancel_requested else "Cancel", icon="X")
 
 
 def _draw_outcome(
@@ -248,11 +246,9 @@ def _draw_onset(
     if settings.onset == "image":
         layout.template_ID(settings, "onset_image", new="image.new", open="image.open")
     elif obj is not None and obj.type == "MESH":
-        layout.prop_search(
-            settings, "onset_attribute", obj.data, "color_attributes", text="Attribute"
-        )
+        layout.prop_search(settings, "onset_attribute", obj.data, "color_attributes")
     else:
-        layout.prop(settings, "onset_attribute", text="Attribute")
+        layout.prop(settings, "onset_attribute")
     layout.prop(settings, "onset_invert")
     first, last = ("White", "black") if settings.onset_invert else ("Black", "white")
     _paragraph(layout, context, f"{first} starts first, {last} last.", "INFO")

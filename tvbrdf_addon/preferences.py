@@ -32,8 +32,8 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
     worker_python: bpy.props.StringProperty(
         name="Worker Python",
         description=(
-            "Python that computes the ageing, for instance one with a GPU build of torch. "
-            "It needs torch, numpy, OpenEXR and safetensors. A whole path, not one that is "
+            "Python that computes the aging, for instance one with a GPU build of torch. "
+            "It needs torch, numpy, OpenEXR, safetensors and Pillow. A whole path, not one that is "
             "relative to the .blend. Empty: the one that came with the extension"
         ),
         subtype="FILE_PATH",
@@ -60,7 +60,7 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         if len(left_out) > MOST_SENTENCES:
             layout.label(text=f"{len(left_out) - MOST_SENTENCES} more files are no models.")
         layout.prop(self, "worker_python", placeholder="Comes with the extension")
-        layout.prop(self, "idle_minutes", text="Keep Ready (minutes)")
+        layout.prop(self, "idle_minutes", text="Keep Ready (Minutes)")
 
 
 def model_folders() -> Sequence[Path]:

@@ -55,7 +55,7 @@ LAST_FRAME = 1_048_574
 
 AUTOMATIC = Told("Automatic", "The simplest model that the source sequence supports")
 ONSETS = (
-    (AUTO, "Spots", "Ageing starts in spots and spreads from them, as the model's process does"),
+    (AUTO, "Spots", "Aging starts in spots and spreads from them, as the model's process does"),
     (EVERYWHERE, "Everywhere at Once", "Every texel starts to age on the first frame"),
     ("image", "Image", "An image says when each texel starts: black at once, white at the end"),
     (
@@ -87,7 +87,7 @@ SHOWN = {
         PRINCIPLED_EXACT,
         Told(
             "Exact",
-            "Shows the modelled reflectance to the digit, without Fresnel. Best for measured "
+            "Shows the modeled reflectance to the digit, without Fresnel. Best for measured "
             "materials and for comparisons",
         ),
     ),
@@ -153,7 +153,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     )
     frame_start: bpy.props.IntProperty(
         name="First Frame",
-        description="Frame on which ageing starts; the material is still as you made it",
+        description="Frame on which aging starts; the material is still as you made it",
         default=1,
         min=-LAST_FRAME,
         max=LAST_FRAME,
@@ -168,8 +168,8 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         update=_leave_scene_range,
     )
     steps: bpy.props.IntProperty(
-        name="Modelled Frames",
-        description="Stages of ageing that are computed and stored; spread over the frame range",
+        name="Stages",
+        description="Stages of aging that are computed and stored; spread over the frame range",
         default=AgeRequest.frames,
         min=2,  # one would be the material as it is
         max=RANGES["frames"][1],
@@ -194,7 +194,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     )
     quality: bpy.props.EnumProperty(
         name="Quality",
-        description="How much of the material is modelled",
+        description="How much of the material is modeled",
         items=_items(QUALITIES),
         default=AgeRequest.quality,
     )
@@ -214,14 +214,14 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         precision=0,
     )
     temporal_model: bpy.props.EnumProperty(
-        name="Change",
-        description="How change over time is modelled",
+        name="Temporal Model",
+        description="How change over time is modeled",
         items=_items({AUTO: AUTOMATIC, **RUNGS}),
         default=AgeRequest.temporal_model,
     )
     onset: bpy.props.EnumProperty(
         name="Start",
-        description="Where ageing starts",
+        description="Where aging starts",
         items=ONSETS,
         default=AgeRequest.onset,
         update=_take_active_attribute,
@@ -229,7 +229,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     onset_image: bpy.props.PointerProperty(
         name="Start Image",
         description=(
-            "Greyscale image that says when each texel starts to age; painted in Blender, it "
+            "Grayscale image that says when each texel starts to age; painted in Blender, it "
             "counts as it is now"
         ),
         type=bpy.types.Image,
@@ -255,7 +255,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
     )
     specular: bpy.props.EnumProperty(
         name="Highlights",
-        description="Colour of the aged highlights",
+        description="Color of the aged highlights",
         items=_items(SPECULARS),
         default=AgeRequest.specular,
     )
@@ -276,7 +276,7 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         options={"HIDDEN"},
     )
     keyed: bpy.props.IntVectorProperty(
-        description="The first and last frame that ageing was keyed on",
+        description="The first and last frame that aging was keyed on",
         size=2,
         options={"HIDDEN"},
     )

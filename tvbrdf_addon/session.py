@@ -157,13 +157,13 @@ def _warm_worker() -> Worker:
 @persistent
 def _on_undo(_scene: bpy.types.Scene) -> None:
     if _current is not None:
-        _current.end("Ageing ended, because undo may have changed the material meanwhile.")
+        _current.end("Aging ended, because undo may have changed the material meanwhile.")
 
 
 @persistent
 def _on_load(_file: object) -> None:
     if _current is not None:
-        _current.end("Ageing ended, because another file was opened.")
+        _current.end("Aging ended, because another file was opened.")
 
 
 @persistent

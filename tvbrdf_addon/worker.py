@@ -206,4 +206,4 @@ def _silence(worker: Worker) -> WorkerError:
 
 
 def _cancelled() -> WorkerError:
-    return WorkerError("Cancelled; the earlier result is untouched.", code="cancelled")
+    return WorkerError("Canceled; the earlier result is untouched.", code="cancelled")

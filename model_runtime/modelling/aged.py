@@ -160,7 +160,7 @@ def model_texels(
         gained = psnr - before
     if psnr < tolerance:
         warn(
-            f"Modelling few materials reaches {psnr:.0f} of the {tolerance:g} dB asked for; choose "
+            f"Modeling few materials reaches {psnr:.0f} of the {tolerance:g} dB asked for; choose "
             "quality exact to model every texel."
         )
     return aged(palette, histories)

@@ -53,14 +53,14 @@ def savings(
 
 def _modelled(modelled: int, texels: int) -> str:
     if texels == 1:
-        return "Modelled one BRDF: the material is the same all over."
+        return "Modeled one BRDF: the material is the same all over."
     if modelled >= texels:
-        return f"Modelled every one of {texels:,} BRDFs."
-    return f"Modelled {modelled:,} distinct BRDF{'s' * (modelled > 1)} instead of {texels:,}."
+        return f"Modeled every one of {texels:,} BRDFs."
+    return f"Modeled {modelled:,} distinct BRDF{'s' * (modelled > 1)} instead of {texels:,}."
 
 
 def _live(coefficients: int) -> str:
     if coefficients == 0:
-        return "The shader does the ageing, from curves that all texels share."
+        return "The shader does the aging, from curves that all texels share."
     plural = "s" * (coefficients > 1)
-    return f"The shader does the ageing, from curves and {coefficients} number{plural} a texel."
+    return f"The shader does the aging, from curves and {coefficients} number{plural} a texel."

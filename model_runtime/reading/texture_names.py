@@ -82,7 +82,7 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
         if candidate:
             found[candidate.map].append(candidate)
     if not found["base_color"]:
-        raise InputError(f"{shown(folder)} holds no base colour map.", _HINT)
+        raise InputError(f"{shown(folder)} holds no base color map.", _HINT)
 
     materials = sorted({candidate.material for candidate in found["base_color"]})
     if len(materials) > 1:

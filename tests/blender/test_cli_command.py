@@ -283,7 +283,7 @@ def test_an_interrupt_ends_it_and_leaves_nothing_half_done(
         killer.join()
     out, err = capfd.readouterr()
     assert aged() == set()
-    assert "Steel: Cancelled" in err
+    assert "Steel: Canceled" in err
     assert "Not aged: Steel, Copper, Oak. aged.blend was not written." in err
     assert "Copper:" not in out, "it was not even begun"
     assert not [path for path in folder.rglob("*") if "partial" in path.name]

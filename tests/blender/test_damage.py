@@ -99,8 +99,8 @@ def test_a_damaged_record_leaves_the_material_alone(tmp_path, summed):
             said = sentence(lambda: revert(copy))
             assert bool(said) == is_aged(copy)
             if not summed:
-                assert "before ageing" in said
-                assert "before ageing" in sentence(lambda: freeze(copy, 3))
+                assert "before aging" in said
+                assert "before aging" in sentence(lambda: freeze(copy, 3))
         finally:
             bpy.data.materials.remove(copy)
 
@@ -128,7 +128,7 @@ def test_so_does_text_that_is_no_record(tmp_path, text):
 
     material = new_material()
     material.tvbrdf.original = text
-    assert "before ageing" in sentence(lambda: revert(material))
+    assert "before aging" in sentence(lambda: revert(material))
 
 
 # The nodes

@@ -76,7 +76,7 @@ def test_uvs_over_many_squares(tmp_path):
     obj = plane(material)
     stretched(obj, 6, 2.5)
     (warning,) = read(material, obj, tmp_path).warnings
-    assert "reaches over 6 x 3 squares, and the pattern of ageing repeats" in warning
+    assert "reaches over 6 x 3 squares, and the pattern of aging repeats" in warning
     material.tvbrdf.onset = "none"
     assert read(material, obj, tmp_path).warnings == ()
 

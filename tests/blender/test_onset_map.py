@@ -290,7 +290,7 @@ def _no_object(material, obj) -> None:
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (_no_name, "No color attribute is chosen: choose one, or let ageing start in spots."),
+        (_no_name, "No color attribute is chosen: choose one, or let aging start in spots."),
         (_other_name, "“Plane” has no color attribute “Weer”: there is Wear."),
         (
             _no_attributes,
@@ -317,7 +317,7 @@ def test_values_out_of_range_are_refused(tmp_path, value):
     said = refusal(material, obj, tmp_path)
     assert said == (
         "The color attribute “Wear” of “Plane” has values outside 0 to 1. Paint black (0) where "
-        "ageing starts at once and white (1) where it starts last."
+        "aging starts at once and white (1) where it starts last."
     )
     material, obj = with_image(image("Mask", np.full((2, 2, 3), value), floating=True))
     assert "“Mask” has values outside 0 to 1" in refusal(material, obj, tmp_path)

@@ -100,7 +100,7 @@ def test_a_damaged_record_is_refused_with_a_sentence(tmp_path):
     material = new_material()
     for damaged in ('{"version": 99}', "nonsense", '{"version": 1}'):
         material.tvbrdf.original = damaged
-        with pytest.raises(MaterialError, match="before ageing"):
+        with pytest.raises(MaterialError, match="before aging"):
             revert(material)
 
 

@@ -160,12 +160,12 @@ def cancels() -> Steps:
     yield from press(0)
     yield from until(ended)
     assert not is_aged()
-    assert "Cancelled" in outcome()
+    assert "Canceled" in outcome()
     yield from start()
     yield from key("Escape")
     yield from until(ended)
     assert not is_aged()
-    assert "Cancelled" in outcome()
+    assert "Canceled" in outcome()
 
 
 def survives_renaming() -> Steps:

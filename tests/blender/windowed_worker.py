@@ -196,7 +196,7 @@ def loses_its_area() -> Steps:
     assert not ended()
     yield from key("Escape")
     yield from until(ended)
-    assert "Cancelled" in outcome()
+    assert "Canceled" in outcome()
     yield from show_panel()
 
 
@@ -237,12 +237,12 @@ def is_interrupted() -> Steps:
     for number, code in ((signal.SIGINT, 130), (signal.SIGTERM, 143)):
         output, saved = EXCHANGE / f"output{code}", EXCHANGE / f"saved{code}.blend"
         run = command("--material", "Material", "--output", str(output), "--save-as", str(saved))
-        while "modelling" not in run.stdout.readline().lower():
+        while "modeling" not in run.stdout.readline().lower():
             assert run.poll() is None, run.stderr.read()
         run.send_signal(number)
         _, errors = run.communicate(timeout=30)
         assert run.returncode == code, (run.returncode, errors)
-        assert "Cancelled" in errors
+        assert "Canceled" in errors
         assert "Traceback" not in errors
         assert not saved.exists()
         assert list(output.iterdir()) == []

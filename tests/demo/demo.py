@@ -72,7 +72,7 @@ def main() -> None:
 
     worker = json.loads(result.read_text(encoding="utf-8"))
     print("Seconds:", ", ".join(f"{stage} {taken:.1f}" for stage, taken in seconds.items()))
-    print("Of ageing, in the worker:", {k: round(v, 1) for k, v in worker["seconds"].items()})
+    print("Of aging, in the worker:", {k: round(v, 1) for k, v in worker["seconds"].items()})
     print(f"Peak memory of the worker: {worker['peak_rss_mb']:.0f} MB")
 
 

@@ -281,7 +281,7 @@ class Edit:
             if found is None:
                 raise MaterialError(
                     f"The node “{sampling.node}” of “{self.material.name}” was removed while the "
-                    "material was ageing.",
+                    "material was aging.",
                     "Age the material again.",
                 )
             return self.outside(found)

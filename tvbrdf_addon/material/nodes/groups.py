@@ -81,7 +81,7 @@ def require_ungrouped(tree: bpy.types.NodeTree, name: str) -> None:
         inside = node.node_tree if node.type == "GROUP" else None
         if inside is not None and TAG not in inside and any(TAG in each for each in inside.nodes):
             raise MaterialError(
-                f"What ageing added to “{name}” is in the group “{node.label or node.name}”.",
+                f"What aging added to “{name}” is in the group “{node.label or node.name}”.",
                 "Select it and use Group > Ungroup first.",
             )
 

@@ -145,7 +145,7 @@ def load(material: bpy.types.Material, name: str) -> Record:
         return decoded(Record, data)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise MaterialError(
-            f"What “{name}” was before ageing cannot be read ({error}).",
+            f"What “{name}” was before aging cannot be read ({error}).",
             "Update this extension if a newer one aged it; else append the material from an "
             "earlier save of the file.",
         ) from error

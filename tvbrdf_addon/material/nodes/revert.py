@@ -64,7 +64,7 @@ def _require_fitting(material: bpy.types.Material, record: Record, name: str) ->
         or record.distribution not in (None, *offered.keys())
     ):
         raise MaterialError(
-            f"What “{name}” was before ageing does not fit its nodes.",
+            f"What “{name}” was before aging does not fit its nodes.",
             "Append the material from an earlier save of the file.",
         )
     require_ungrouped(tree, name)

@@ -62,7 +62,7 @@ def lost(
 def unwrapped_badly(
     looks: Sequence[Evaluated], material: bpy.types.Material, space: Space
 ) -> list[str]:
-    """What a pattern of ageing that is laid out by UVs will look like on these objects."""
+    """What a pattern of aging that is laid out by UVs will look like on these objects."""
     onset = material.tvbrdf.onset
     if onset == EVERYWHERE:
         return []
@@ -89,7 +89,7 @@ def unwrapped_badly(
         if space.kind == "uniform" and onset != "attribute" and across * up > 1:
             repeating.append(
                 f"The UV map “{name}” of “{look.obj.name}” reaches over {across} x {up} squares, "
-                "and the pattern of ageing repeats in each: give the mesh a second UV map that "
+                "and the pattern of aging repeats in each: give the mesh a second UV map that "
                 "fits one (UV > Smart UV Project) and mark it for rendering."
             )
     return flat[:1] + repeating[:1]

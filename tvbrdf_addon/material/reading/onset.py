@@ -51,7 +51,7 @@ def why_no_onset(material: bpy.types.Material, scene: bpy.types.Scene) -> str | 
         return None
     name = settings.onset_attribute
     if not name:
-        return "No color attribute is chosen: choose one, or let ageing start in spots."
+        return "No color attribute is chosen: choose one, or let aging start in spots."
     objects = showing(material, scene)
     if not objects or bearers(material, scene, name):
         return None  # without objects there are no UVs either, and that is said first
@@ -60,7 +60,7 @@ def why_no_onset(material: bpy.types.Material, scene: bpy.types.Scene) -> str | 
 
 def _why_no_image(image: bpy.types.Image | None) -> str | None:
     if image is None:
-        return "No start image is chosen: choose one, or let ageing start in spots."
+        return "No start image is chosen: choose one, or let aging start in spots."
     if image.source not in ("FILE", "GENERATED", "TILED"):
         return f"The start image “{image.name}” is no still image: choose one that is."
     return None

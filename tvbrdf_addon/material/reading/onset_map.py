@@ -119,7 +119,7 @@ def _check(values: Array, invert: bool, whose: str) -> None:
         first, last = ("white (1)", "black (0)") if invert else ("black (0)", "white (1)")
         raise MaterialError(
             f"{whose} has values outside 0 to 1.",
-            f"Paint {first} where ageing starts at once and {last} where it starts last.",
+            f"Paint {first} where aging starts at once and {last} where it starts last.",
         )
 
 

@@ -90,7 +90,7 @@ def _not_followed(material: bpy.types.Material, seen: Seen) -> tuple[str, ...]:
     if not seen.no_meshes:
         return ()
     return (
-        f"“{seen.no_meshes[0].name}” is no mesh, so that the ageing of “{material.name}” cannot "
+        f"“{seen.no_meshes[0].name}” is no mesh, so that the aging of “{material.name}” cannot "
         "follow its shape: use Object > Convert > Mesh.",
     )
 
@@ -226,7 +226,7 @@ def _apart(
     """The layout in a UV map of its own."""
     parts = _of_meshes(seen.parts)
     if (reason := _why_no_uv_map(parts)) is not None:
-        return (*notes, f"{why}, so that its ageing cannot follow its shape: {reason}")
+        return (*notes, f"{why}, so that its aging cannot follow its shape: {reason}")
     bases = [_Base.of(part, material, "") for part in parts]
     places = laid_out([base.faces for base in bases], size)
     if places is None:
@@ -241,7 +241,7 @@ def _apart(
     if lost:
         notes = (
             *notes,
-            f"The modifiers of “{lost[0].obj.name}” leave no UV map, so that its ageing cannot "
+            f"The modifiers of “{lost[0].obj.name}” leave no UV map, so that its aging cannot "
             "follow its shape: apply them (Object > Convert > Mesh).",
         )
     seen = Seen(tuple(part for part in seen.parts if part not in lost), seen.around, seen.no_meshes)
