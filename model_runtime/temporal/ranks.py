@@ -12,6 +12,7 @@ __all__ = ("Ranking",)
 Array = NDArray[np.float32]
 
 _BINS = 1 << 14
+_BAND = 1 << 14  # values worked on at a time: what they need stays in the cache
 
 
 class Ranking:
@@ -38,4 +39,19 @@ class Ranking:
         times = np.interp(shares / max(amount, 1e-9), *np.transpose(pace))
         if amount < 1:
             times[shares >= amount] = 1.0
-        return np.interp(values, self._edges, times).astype(np.float32)
+        return _interp(values, self._edges, times)
+
+
+def _interp(values: Array, edges: NDArray[np.float64], times: NDArray[np.float64]) -> Array:
+    """What np.interp gives, to the bit, without its search: `edges` are evenly spaced."""
+    slope = np.diff(times) / np.diff(edges)
+    low, high = edges[0], edges[-1]
+    result = np.empty_like(values, np.float32)
+    given, found = values.ravel("K"), result.ravel("K")
+    for start in range(0, values.size, _BAND):
+        at = given[start : start + _BAND].astype(np.float64).clip(low, high)
+        bin = ((at - low) * (len(slope) / (high - low))).astype(np.int64).clip(0, len(slope) - 1)
+        bin += (at >= edges[bin + 1]) & (bin < len(slope) - 1)
+        bin -= at < edges[bin]
+        found[start : start + _BAND] = slope[bin] * (at - edges[bin]) + times[bin]
+    return np.ascontiguousarray(result)
