@@ -22,6 +22,7 @@ from pathlib import Path
 # The worker is started in the folder that holds model_runtime.
 sys.path.insert(0, str(Path.cwd()))
 
+from model_runtime import __version__
 from model_runtime.cli import main
 from model_runtime.contract import (
     AFFINE,
@@ -45,6 +46,7 @@ SIDE = 16
 
 
 def age(request: AgeRequest, reporter: object) -> dict:
+    reporter.progress(STAGES["read"], 0.0)
     if not request.input.exists():
         raise InputError(f"There is no input at {request.input}.", "Check the path.")
     # What a library prints must not reach the protocol.
@@ -83,11 +85,16 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "plan": [f"Modeled 3 distinct BRDFs instead of {SIDE * SIDE}."],
         "fit_error": 0.0,
         "warnings": ["The stub paints flat colours."],
-        "seconds": {"rollout": seconds},
+        "seconds": dict.fromkeys(("read", "onset", "model", *["fit"] * live, "write"), seconds / 4),
         "peak_rss_mb": 10,
         "files": files,
         "command": " ".join(("age", option("temporal_model"), request.temporal_model)),
-    }
+        "version": __version__,
+        "seed": request.seed,
+        "onset": request.onset,
+        "tolerance": request.tolerance,
+        "hashes": {},
+    } | ({"error_db": 60.0} if live else {})
     (beside / REPORT).write_text(json.dumps(aged))
     shutil.rmtree(request.output, ignore_errors=True)
     beside.rename(request.output)
