@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from model_runtime.contract import LADDER
+from model_runtime.contract import LADDER, LSTM_LATENTS
 from model_runtime.modelling.palette import viewed, viewed_psnr, viewing_angles
 from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation.latents import Latents, Representation
@@ -99,9 +99,9 @@ def score(
 
     Parameters, and latents once fitted, are anchored as ageing anchors them and compared with the
     true ones. Where the truth is measured, no parameters hold it: BRDFs are compared, those of
-    `lstm_latents` as decoded. Where no age was observed nothing is missed: 100 dB.
+    the rung on latents as decoded. Where no age was observed nothing is missed: 100 dB.
     """
-    if test.mixture is not None and rung == "lstm_latents":
+    if test.mixture is not None and rung == LSTM_LATENTS:
         with torch.no_grad():
             flat = ntm.latents.rollout(test.latents[:, 0], ntm.frames).flatten(0, 1)
             estimate = representation.decode(_unflat(flat, representation), viewing_angles())

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from torch import Tensor
 
+from ..contract import Specular
 from .half_angle import above_horizon, cosines
 from .torrance_sparrow import ALPHA_MIN, specular_lobe
 
 __all__ = ("USUAL", "Fit", "FitEffort", "fit_angles", "fit_torrance_sparrow")
 
-Specular = Literal["rgb", "mono"]
 
 _CHUNK = 4096
 

@@ -14,6 +14,7 @@ import torch
 from tqdm import tqdm
 
 from model_runtime.age import AgeRequest, age
+from model_runtime.contract import AUTO, BALANCED, EXACT, LSTM_LATENTS
 from model_runtime.errors import InputError
 from model_runtime.modelling.aged import EFFORTS
 
@@ -89,20 +90,18 @@ def evaluate_pareto(
     points = [point_of(each, runs[each.name], known.get(each.name)) for each in settings]
     by_name = {point.name: point for point in points}
     for name, base, rung, panel_size in (
-        ("exact", "balanced", "auto", size),
-        ("latents exact", LATENTS, "lstm_latents", size // _QUARTER),
+        ("exact", BALANCED, AUTO, size),
+        ("latents exact", LATENTS, LSTM_LATENTS, size // _QUARTER),
     ):
         found = [bench.exact(folder, rung) for folder in folders]
-        near = truth.setting(name, EFFORTS["exact"], rung)
+        near = truth.setting(name, EFFORTS[EXACT], rung)
         points.append(exact_point(name, by_name[base], found, panel_size**2, near))
-    points += [
-        _rival(name, truth.rival(name), by_name["balanced"], size, pixels) for name in RIVALS
-    ]
+    points += [_rival(name, truth.rival(name), by_name[BALANCED], size, pixels) for name in RIVALS]
     points = with_fronts(points)
     by_name = {point.name: point for point in points}
     sizes = (size // _QUARTER, size, size * _QUARTER)
     probes = _probes(bench, truth, sizes, large_frames)
-    latents = [bench.exact(folder, "lstm_latents") for folder in folders]
+    latents = [bench.exact(folder, LSTM_LATENTS) for folder in folders]
     each = sum(one.seconds for one in latents) / sum(len(one.rows) for one in latents)
     report = ParetoReport(
         points,
@@ -151,7 +150,7 @@ class _Bench:
             setting,
             folder,
             self.ntm,
-            self.exact(folder, "lstm_latents" if latents else "auto"),
+            self.exact(folder, LSTM_LATENTS if latents else AUTO),
             frames=self.frames,
             size=self.size // _QUARTER if latents else self.size,
             kept=self.kept,
@@ -160,7 +159,7 @@ class _Bench:
 
     def exact(self, folder: Path, rung: str) -> Exact:
         """Some texels of a material, exactly; of latents fewer, on smaller maps."""
-        latents = rung == "lstm_latents"
+        latents = rung == LSTM_LATENTS
         return exact_texels(
             folder,
             self.ntm,

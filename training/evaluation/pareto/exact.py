@@ -15,6 +15,7 @@ from torch import Tensor
 
 from model_runtime.age import AgeRequest
 from model_runtime.brdf import principled
+from model_runtime.contract import AUTO, LIVE, PRINCIPLED, REPORT
 from model_runtime.images import read_image
 from model_runtime.live.evaluate import LiveMaps
 from model_runtime.live.files import read_live
@@ -68,8 +69,8 @@ class Exact:
         (one fades into the next, as in Blender) or made of others. A live material starts as
         authored.
         """
-        report = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
-        if report["binding"] == "live":
+        report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        if report["binding"] == LIVE:
             return self._live_psnr(read_live(folder))
         found = []
         for time_, truth in zip(self.times, self.states, strict=True):
@@ -139,7 +140,7 @@ def exact_texels(
     read = read_input(material, size=size)
     assert isinstance(read, PrincipledMaps)
     initial, shape, _ = initial_states(read, request)
-    rung = ntm.suited(initial)[0] if rung == "auto" else rung
+    rung = ntm.suited(initial)[0] if rung == AUTO else rung
     onset, rate = (
         None if each is None else torch.from_numpy(each.reshape(-1))
         for each in timing_maps(request, ntm, shape)
@@ -166,7 +167,7 @@ def exact_texels(
             rate=None if rate is None else rate[chosen],
         )
         seconds = time.process_time() - start
-        maps = maps_of(aged, authored, (len(rows), 1), "principled", times)
+        maps = maps_of(aged, authored, (len(rows), 1), PRINCIPLED, times)
         states = torch.stack([_states(maps.at(moment), authored) for moment in times])
         stored = {"states": states, "seconds": torch.tensor(seconds)}
         keep(path, stored, made_from)

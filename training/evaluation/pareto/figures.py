@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from model_runtime.contract import EXACT, LSTM_LATENTS
+
 from .exact import Exact
 from .live import live_figures
 from .results import Figure, Point, Saving
@@ -99,7 +101,7 @@ def figures(
         )
     found.append(
         Figure(
-            "exact, lstm_latents",
+            f"{EXACT}, {LSTM_LATENTS}",
             ">= 1,000 x the paper's pipeline at its PSNR",
             f"{whole / 3600:.1f} core hours to model {size} x {size}; {factor:,.0f} x faster"
             + near,

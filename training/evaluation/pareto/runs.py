@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from model_runtime.age import AgeRequest, age
+from model_runtime.contract import LIVE, REPORT
 from model_runtime.images import Compression, read_image
 from model_runtime.model_files.weights import ENCODER, ESTIMATOR, find_model
 from model_runtime.output.stored import StagedResult
@@ -128,7 +129,7 @@ def measure(
 
 
 def _frames(report: Mapping[str, Any]) -> int:
-    if report["binding"] == "live":
+    if report["binding"] == LIVE:
         return 0
     return max(len(_written(files)) for files in report["files"].values())
 
@@ -146,7 +147,7 @@ def _writing_alone(folder: Path, beside: Path, compression: Compression) -> tupl
     """Seconds, by the clock and of one core, to write the maps in `folder` again, from memory, the
     same way; worked out from every third frame.
     """
-    report = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
+    report = json.loads((folder / REPORT).read_text(encoding="utf-8"))
     frames = list(zip(*report["files"].values(), strict=True))
     wall = core = 0.0
     with StagedResult(beside / "again", compression=compression) as staged:

@@ -8,6 +8,17 @@ from typing import Any, Literal
 import torch
 
 from model_runtime.brdf.fit import USUAL, FitEffort
+from model_runtime.contract import (
+    AFFINE,
+    AUTO,
+    BALANCED,
+    CONSTANT,
+    DRAFT,
+    FRAMES,
+    LIVE,
+    LSTM_LATENTS,
+    Binding,
+)
 from model_runtime.modelling.aged import EFFORTS, Effort
 
 __all__ = ("LATENTS", "PANELS", "SETTINGS", "Panel", "Setting", "setting")
@@ -17,7 +28,7 @@ PANELS: tuple[Panel, ...] = ("whole", "latents")
 """`whole`: the command as it is used, at full size. `latents`: knobs that matter only where latents
 are decoded and fitted, which takes so long that it is measured on maps a quarter as wide."""
 
-_BALANCED = EFFORTS["balanced"]
+_BALANCED = EFFORTS[BALANCED]
 _FINER = replace(_BALANCED, step=0.025, most=1 << 14)
 
 
@@ -34,11 +45,11 @@ class Setting:
     knob: str
     effort: Effort
     panel: Panel = "whole"
-    rung: str = "auto"
+    rung: str = AUTO
     shrink: int = 1
     every: int = 1
     sparse: bool = False
-    binding: Literal["live", "frames"] = "frames"
+    binding: Binding = FRAMES
 
     def request(self, frames: int, size: int) -> dict[str, Any]:
         """The options of `AgeRequest`, where the panel's maps are `size` wide with `frames`."""
@@ -52,22 +63,22 @@ class Setting:
 
 
 def _latents(name: str, knob: str, **turned: Any) -> Setting:
-    return Setting(name, knob, replace(_BALANCED, **turned), "latents", "lstm_latents")
+    return Setting(name, knob, replace(_BALANCED, **turned), "latents", LSTM_LATENTS)
 
 
 LATENTS = "latents"
 """The setting that those of the panel `latents` are turned from."""
 
 SETTINGS = (
-    Setting("draft", "", EFFORTS["draft"]),
-    Setting("balanced", "", _BALANCED),
-    Setting("draft, live", "binding", EFFORTS["draft"], binding="live"),
-    Setting("balanced, live", "binding", _BALANCED, binding="live"),
+    Setting(DRAFT, "", EFFORTS[DRAFT]),
+    Setting(BALANCED, "", _BALANCED),
+    Setting("draft, live", "binding", EFFORTS[DRAFT], binding=LIVE),
+    Setting("balanced, live", "binding", _BALANCED, binding=LIVE),
     Setting("palette 0.1", "palette", replace(_BALANCED, step=0.1, checked=False)),
     Setting("palette 0.025", "palette", replace(_FINER, checked=False)),
     Setting("unchecked", "palette", replace(_BALANCED, checked=False)),
-    Setting("constant", "rung", _BALANCED, rung="constant"),
-    Setting("affine", "rung", _BALANCED, rung="affine"),
+    Setting("constant", "rung", _BALANCED, rung=CONSTANT),
+    Setting("affine", "rung", _BALANCED, rung=AFFINE),
     Setting("every 3rd frame", "frames", _BALANCED, every=3),
     Setting("aged every 3rd frame", "frames", replace(_BALANCED, interval=3)),
     Setting("sparse", "frames", _BALANCED, sparse=True),

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.brdf.torrance_sparrow import evaluate
+from model_runtime.contract import AUTO, LSTM_LATENTS
 from model_runtime.model_files.weights import ESTIMATOR
 from model_runtime.modelling.aged import Effort, model_texels
 from model_runtime.reading.inputs import hash_file
@@ -76,8 +77,8 @@ class Truth:
 
         def one(stage: Stage) -> tuple[float, float, bool]:
             method = self._ladder(stage)
-            used = method.rung(stage) if rung == "auto" else rung
-            dear = used == "lstm_latents" and effort.step == 0 and effort.fit is not None
+            used = method.rung(stage) if rung == AUTO else rung
+            dear = used == LSTM_LATENTS and effort.step == 0 and effort.fit is not None
             pixels = stage.sphere.few if dear else torch.arange(len(stage.texels))
             start = stage.start[stage.texels[pixels]] if dear else stage.start
             clock = time.process_time()

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 import torch
 
+from model_runtime.contract import LADDER, LSTM_LATENTS, LSTM_PARAMETERS
+
 from .trials import Stress, Trial, World
 
 __all__ = ("MEANS",)
@@ -38,13 +40,13 @@ def _restarted(world: World, share: float) -> Trial:
 MEANS: Mapping[str, Stress] = {
     "samples": Stress(
         "samples read by the encoder", "m",
-        (256.0, 64.0, 32.0, 16.0, 8.0), _samples, ("ours", "paper", "lstm_latents"),
+        (256.0, 64.0, 32.0, 16.0, 8.0), _samples, ("ours", "paper", LSTM_LATENTS),
         note="only encoders read samples; the product chooses a rung that reads none",
     ),
     "palette": Stress(
         "materials modelled", "entries of the palette",
         (2048.0, 64.0, 16.0, 4.0, 1.0), _palette,
-        ("ours", "constant", "affine", "lstm_parameters", "lstm_latents"),
+        ("ours", *LADDER),
         note="the rivals model every texel: they have no palette",
     ),
     "precision": Stress(
@@ -54,7 +56,7 @@ MEANS: Mapping[str, Stress] = {
     ),
     "restart": Stress(
         "training killed and resumed", "share of it done before", (0.0, 0.1, 0.5), _restarted,
-        ("ours", "lstm_parameters", "lstm_latents"),
+        ("ours", LSTM_PARAMETERS, LSTM_LATENTS),
         note="SIGKILL; the others learn in a second, or by the same code",
     ),
 }  # fmt: skip

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.age import AgeRequest, age
+from model_runtime.contract import BALANCED, EVERYWHERE, TORRANCE_SPARROW, frame_file
 from model_runtime.errors import TvbrdfError
 from model_runtime.images import read_image
 from model_runtime.maps import TorranceSparrowMaps
@@ -55,7 +56,7 @@ def age_trial(trial: Trial, given: TorranceSparrowMaps, ntm: Path) -> Aged:
             wanted = [min(frame, length - 1) for frame in wanted]
             frames = length
         request = AgeRequest(
-            source, str(ntm), output, frames=frames, onset="none", format="torrance-sparrow"
+            source, str(ntm), output, frames=frames, onset=EVERYWHERE, format=TORRANCE_SPARROW
         )
         try:
             said += age(request, Silent(), _effort(trial))["warnings"]
@@ -83,7 +84,7 @@ def _effort(trial: Trial) -> Effort:
     """
     turned = {"most": trial.palette, "samples": trial.samples}
     return replace(
-        EFFORTS["balanced"], **{name: value for name, value in turned.items() if value is not None}
+        EFFORTS[BALANCED], **{name: value for name, value in turned.items() if value is not None}
     )
 
 
@@ -104,6 +105,6 @@ def _write(maps: TorranceSparrowMaps, folder: Path) -> None:
 def _read(folder: Path, number: int) -> Tensor:
     """States [H W, 7] of a frame, counted from 1."""
     kd, ks, alpha = (
-        read_image(folder / f"{name}_{number:04d}.exr", color=name != "alpha") for name in _MAPS
+        read_image(folder / frame_file(name, number - 1), color=name != "alpha") for name in _MAPS
     )
     return torch.from_numpy(np.concatenate((kd, ks, alpha[..., None]), -1).reshape(-1, 7))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from model_runtime.brdf import torrance_sparrow
+from model_runtime.contract import LADDER
 from model_runtime.maps import TorranceSparrowMaps
 
 from ...data.kinetics import history
@@ -23,7 +24,7 @@ from ..synthesis.stage import Stage
 
 __all__ = ("EVERY", "GivenStage", "Stress", "Trial", "World", "grown", "states_at")
 
-EVERY = ("ours", "paper", "stt", "staf", "constant", "affine", "lstm_parameters", "lstm_latents")
+EVERY = ("ours", "paper", "stt", "staf", *LADDER)
 """The methods of the report, as `synthesis_methods` names them."""
 
 FRAMES = 36

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from torch import Tensor
 
+from model_runtime.contract import AFFINE, CONSTANT, LSTM_LATENTS, LSTM_PARAMETERS
+
 from .cases import Case
 from .results import CaseResult, SynthesisReport
 from .scoring import Scored, Scorer, strip_frames
@@ -44,10 +46,10 @@ TITLES = {
     "brdfnps": "BRDFNPs",
     "stt": "STT",
     "staf": "STAF",
-    "constant": "constant",
-    "affine": "affine",
-    "lstm_parameters": "LSTM, parameters",
-    "lstm_latents": "LSTM, latents",
+    CONSTANT: "constant",
+    AFFINE: "affine",
+    LSTM_PARAMETERS: "LSTM, parameters",
+    LSTM_LATENTS: "LSTM, latents",
 }
 COLORS = {
     "ours": "#0072B2",
@@ -55,10 +57,10 @@ COLORS = {
     "brdfnps": "#E69F00",
     "stt": "#009E73",
     "staf": "#CC79A7",
-    "constant": "#999999",
-    "affine": "#000000",
-    "lstm_parameters": "#56B4E9",
-    "lstm_latents": "#8B5A2B",
+    CONSTANT: "#999999",
+    AFFINE: "#000000",
+    LSTM_PARAMETERS: "#56B4E9",
+    LSTM_LATENTS: "#8B5A2B",
 }
 _STRIDE = 3
 _CELL = 1.1

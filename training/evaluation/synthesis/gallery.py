@@ -14,6 +14,7 @@ from torch import Tensor
 
 from model_runtime.age import AgeRequest, age
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.contract import AUTO, TORRANCE_SPARROW
 from model_runtime.images import write_exr
 from model_runtime.model_files.weights import ENCODER, MODELS, find_model
 from model_runtime.reading.inputs import hash_file
@@ -105,7 +106,7 @@ def _draw(
     kept: Path,
     path: Path,
     *,
-    model: str = "auto",
+    model: str = AUTO,
 ) -> None:
     """A row for each NTM, its materials side by side, `frames` pictures of each."""
     columns = max(len(materials) for _, materials in rows)
@@ -163,7 +164,7 @@ def _states(data: Path, ntm: str, material: str, frames: int, model: str) -> tup
             Path(folder) / "aged",
             frames=frames,
             size=_PIXELS,
-            format="torrance-sparrow",
+            format=TORRANCE_SPARROW,
             temporal_model=model,
         )
         reporter = _Quiet()

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
-from model_runtime.contract import LADDER
+from model_runtime.contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS
 from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import ENCODER
 from model_runtime.modelling.compose import AgedTexels
@@ -167,13 +167,13 @@ class Rung:
         if self.name is not None:
             return self.name
         foreign = float(self.ntm.domain.outside(stage.start).float().mean())
-        if foreign > FOREIGN_SHARE and self.ntm.chosen != "constant":
-            return "affine"
+        if foreign > FOREIGN_SHARE and self.ntm.chosen != CONSTANT:
+            return AFFINE
         return self.ntm.chosen
 
     def dear(self, stage: Stage) -> bool:
         """Where latents are rolled out."""
-        return self.rung(stage) == "lstm_latents"
+        return self.rung(stage) == LSTM_LATENTS
 
     def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
         """What the product would write, rendered; of measured materials, latents as decoded."""
@@ -193,7 +193,7 @@ class Rung:
     def states(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
         """[t, p, 7], clamped to what can be rendered."""
         rung = self.rung(stage)
-        if stage.measured and rung == "lstm_latents":
+        if stage.measured and rung == LSTM_LATENTS:
             return self.decoded().fitted(stage, self.ntm.affine.gain, pixels)[frames]
         aged = self.aged(stage.start[stage.texels[pixels]], rung)
         return torch.stack([aged.at(frame / (stage.frames - 1)) for frame in frames])
@@ -215,7 +215,7 @@ class Rung:
             palette.entries, self.ntm, rung, self.representation, samples=self.samples
         )
         gain = self.ntm.affine.gain
-        gain = torch.ones_like(gain) if rung == "constant" else gain
+        gain = torch.ones_like(gain) if rung == CONSTANT else gain
         texels = AgedTexels(start, palette, histories, gain, onset, rate)
         timing = self.ntm.timing
         if onset is not None or timing is None:

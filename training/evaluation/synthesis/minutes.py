@@ -7,6 +7,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from model_runtime.contract import LSTM_LATENTS, LSTM_PARAMETERS
+
 from .cases import make_cases
 from .charts import COLORS, TITLES
 from .methods import Models
@@ -20,7 +22,7 @@ __all__ = ("LEARNED", "chart_minutes", "learning_curves")
 LEARNED = ("s2_a0.8_b0.2", "s3")
 """Cases on whose first material it is shown: what parameters hold, and what only latents do."""
 
-_METHODS = ("ours", "lstm_parameters", "lstm_latents")
+_METHODS = ("ours", LSTM_PARAMETERS, LSTM_LATENTS)
 _SHARES = (0.0625, 0.125, 0.25, 0.5, 1.0)
 
 

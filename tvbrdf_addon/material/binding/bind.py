@@ -9,6 +9,7 @@ from pathlib import Path
 
 import bpy
 
+from ....model_runtime.contract import PRINCIPLED, PRINCIPLED_EXACT, TORRANCE_SPARROW
 from ...errors import MaterialError
 from ..nodes.revert import revert
 from ..reading.check import why_no_surface
@@ -102,7 +103,7 @@ def _maps(edit: Edit, maps: AgedMaps) -> Aged:
 
 def _frames(edit: Edit, maps: AgedMaps) -> Aged:
     """The maps over time.  As authored, what never changes keeps what fed it."""
-    kept = {each.name for each in maps.maps if not each.changes and maps.format == "principled"}
+    kept = {each.name for each in maps.maps if not each.changes and maps.format == PRINCIPLED}
     return {name: show for name, show in _maps(edit, maps).items() if name not in kept}
 
 
@@ -147,9 +148,9 @@ def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
 
 
 _FORMATS = {
-    "principled": _bind_authored,
-    "principled-exact": _bind_exact,
-    "torrance-sparrow": _bind_torrance_sparrow,
+    PRINCIPLED: _bind_authored,
+    PRINCIPLED_EXACT: _bind_exact,
+    TORRANCE_SPARROW: _bind_torrance_sparrow,
 }
 
 

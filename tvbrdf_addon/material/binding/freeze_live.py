@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ....model_runtime.brdf import principled
+from ....model_runtime.contract import FORMATS, PRINCIPLED, PRINCIPLED_EXACT
 from ....model_runtime.live.evaluate import LiveMaps
 from ....model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from ...errors import MaterialError
@@ -102,19 +103,10 @@ def _sockets(files: LiveFiles, authored: PrincipledMaps, age: float) -> dict[str
     state = _evaluator(files).at(y0, age).astype(np.float32)
     kd, ks, roughness = state[..., :3], state[..., 3:6], state[..., 6]
     aged = TorranceSparrowMaps(kd, ks, np.square(roughness))
-    if files.format == "principled":
-        now = principled.read_back(aged, authored)
-        return {
-            "base_color": now.base_color,
-            "metallic": now.metallic,
-            "specular": now.specular,
-            "roughness": now.roughness,
-        }
-    if files.format == "principled-exact":
-        return dict(
-            zip(("base_color", "specular_tint", "roughness"), principled.exact(aged), strict=True)
-        )
-    return {"kd": kd, "ks": ks, "alpha": aged.alpha}
+    if files.format == PRINCIPLED_EXACT:
+        return dict(zip(FORMATS[files.format], principled.exact(aged), strict=True))
+    shown = principled.read_back(aged, authored) if files.format == PRINCIPLED else aged
+    return {name: getattr(shown, name) for name in FORMATS[files.format]}
 
 
 def _evaluator(files: LiveFiles) -> LiveMaps:

@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import bpy
 
-from ....model_runtime.contract import FORMATS
 from ....model_runtime.live.evaluate import Curves
 from ...errors import MaterialError
 from ..live.group import AUTHORED, OUTPUTS, aged_group
@@ -44,15 +43,8 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
     edit.tree.links.new(edit.age_socket(), node.inputs["Age"])
     if vector is not None:
         edit.tree.links.new(vector, node.inputs["Vector"])
-    # Both are in the order of the contract.
-    sources = zip(_NAMES[maps.format], OUTPUTS[maps.format], strict=True)
-    return {each: partial(edit.connect, node.outputs[output]) for each, output in sources}
-
-
-_NAMES = {
-    **FORMATS,
-    "principled": ("base_color", "metallic", "roughness", "specular"),
-}
+    outputs = OUTPUTS[maps.format].items()
+    return {each: partial(edit.connect, node.outputs[output]) for each, output in outputs}
 
 
 def read_curves(path: Path) -> Curves:

@@ -8,7 +8,12 @@ from typing import NamedTuple
 
 import bpy
 
-from ....model_runtime.contract import COEFFICIENTS_A_FILE
+from ....model_runtime.contract import (
+    COEFFICIENTS_A_FILE,
+    PRINCIPLED,
+    PRINCIPLED_EXACT,
+    TORRANCE_SPARROW,
+)
 from ....model_runtime.live.evaluate import ROUGHNESS_MIN, Curves
 from ...known import image_texture
 from ..result import LiveFiles
@@ -23,11 +28,20 @@ AUTHORED = ("Base Color", "Metallic", "Roughness", "Specular IOR Level", "IOR", 
 """The group's inputs that take what feeds the Principled BSDF."""
 
 OUTPUTS = {
-    "principled": ("Base Color", "Metallic", "Roughness", "Specular IOR Level"),
-    "principled-exact": ("Base Color", "Specular Tint", "Roughness"),
-    "torrance-sparrow": ("Diffuse", "Specular", "Roughness"),
+    PRINCIPLED: {
+        "base_color": "Base Color",
+        "metallic": "Metallic",
+        "roughness": "Roughness",
+        "specular": "Specular IOR Level",
+    },
+    PRINCIPLED_EXACT: {
+        "base_color": "Base Color",
+        "specular_tint": "Specular Tint",
+        "roughness": "Roughness",
+    },
+    TORRANCE_SPARROW: {"kd": "Diffuse", "ks": "Specular", "alpha": "Roughness"},
 }
-"""What the group gives, by the format of the result."""
+"""What the group gives: by the format of the result the output of each map, in order."""
 
 _NONE = (0.0, 0.0, 0.0)
 _UNTIL = "As authored until something ages"
@@ -62,7 +76,7 @@ def aged_group(
     file.
     """
     inputs = (*AUTHORED, "Age", *(("Vector",) if vector else ()))
-    group = new_group(name, inputs, OUTPUTS[maps.format])
+    group = new_group(name, inputs, tuple(OUTPUTS[maps.format].values()))
     _add_dead_end(group)
     canvas = Canvas(group)
 
@@ -77,7 +91,7 @@ def aged_group(
     state = _changed(canvas, start, local, curves, maps.coefficients, texture)
     result = _GIVE[maps.format](canvas, start, state, local)
     with canvas.stage("Result"):
-        canvas.give(dict(zip(OUTPUTS[maps.format], result, strict=True)))
+        canvas.give(dict(zip(OUTPUTS[maps.format].values(), result, strict=True)))
     arrange(group)
     return group
 
@@ -224,7 +238,7 @@ def _give_torrance_sparrow(canvas: Canvas, start: _State, state: _State, local: 
 
 
 _GIVE = {
-    "principled": _give_authored,
-    "principled-exact": _give_exact,
-    "torrance-sparrow": _give_torrance_sparrow,
+    PRINCIPLED: _give_authored,
+    PRINCIPLED_EXACT: _give_exact,
+    TORRANCE_SPARROW: _give_torrance_sparrow,
 }
