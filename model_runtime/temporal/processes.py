@@ -56,48 +56,75 @@ class Growth:
         )
 
 
+# Where these numbers come from. `scale` is measured: the distance at which patterns drawn with the
+# others are half alike. The others are chosen, not measured: no source gives
+# them, and which pictures they were held against is not recorded. What a comment names is the real
+# thing that their signs, order and proportions follow; sizes were set so that it shows.
+# Throughout: `grain` cells are about the size of that thing's borders, `raggedness` grows with how
+# far these wander, and `gain` runs from soft (0.45) to crumbling down to single texels (0.82).
 _PROCESSES = {
+    # Many small pits, nearly at once, in patches that stay wet longer: hence by far the most nuclei
+    # and the shortest delays. Wet rust runs a little, so down is half again as fast as across.
+    # Flakes make its border the most crumbling one, and mottle what has turned.
     "rust": Growth(
         nuclei=700, clusters=(3, 3), cluster_delay=0.08, birth_spread=0.06,
         across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.022, gain=0.82,
         mottling=0.5, scale=0.067,
     ),
+    # Green where rain runs: few sites, of which the last are late (long delays), that run down four
+    # times as fast as across and hardly climb; noise four times as fine across as down makes
+    # streaks.
     "patina": Growth(
         nuclei=60, clusters=(3, 4), cluster_delay=0.6, birth_spread=0.2,
         across=0.35, down=1.3, up=0.2, unevenness=0.8, grain=(4, 16), raggedness=0.14, gain=0.72,
         mottling=0.35, scale=0.141,
     ),
+    # Fire starts in a few places and climbs, as flames heat what is above them: up is half again as
+    # fast as down. Cracks, grain and damp bend its front most (unevenness 1). Char is even.
     "char": Growth(
         nuclei=5, clusters=(2, 2), cluster_delay=0.1, birth_spread=0.15,
         across=1.0, down=0.8, up=1.25, unevenness=1.0, grain=(9, 9), raggedness=0.06, gain=0.65,
         mottling=0.3, scale=0.169,
     ),
+    # Dry islands open where a surface is thin or warm, and long before the last place: the longest
+    # delay. Water sinks, so they climb a little faster. Dry is dry: little mottling. Its pace ends
+    # before the timeline does.
     "drying": Growth(
         nuclei=30, clusters=(3, 3), cluster_delay=0.7, birth_spread=0.15,
         across=1.0, down=0.8, up=1.1, unevenness=0.9, grain=(7, 7), raggedness=0.09, gain=0.6,
         mottling=0.15, scale=0.305, pace=_EVAPORATING,
     ),
+    # Light falls on a whole surface: hardly more than a slight gradient, with broad, soft regions,
+    # alike in all directions, for what is a little more or less exposed.
     "fading": Growth(
         nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
         across=1.0, down=1.0, up=1.0, unevenness=0.2, grain=(2, 2), raggedness=0.03, gain=0.6,
         mottling=0.1, scale=0.305, pace=_EVERYWHERE,
     ),
+    # Many small sources on ledges and in pores, from which rain draws streaks: fifteen times as
+    # fast down as up, in columns (clusters five times as fine across as down) and thin (grain seven
+    # times). Deposits are as uneven as rust. Its pace covers all, sheltered places last.
     "soiling": Growth(
         nuclei=260, clusters=(2, 10), cluster_delay=0.5, birth_spread=0.3,
         across=0.3, down=2.2, up=0.15, unevenness=0.7, grain=(3, 22), raggedness=0.12, gain=0.75,
         mottling=0.5, scale=0.104, pace=_SETTLING,
     ),
+    # A film of varnish turns as a whole: as fading, a little more uneven for how thickly it was
+    # brushed on, and with the softest border.
     "yellowing": Growth(
         nuclei=3, clusters=(1, 1), cluster_delay=0.3, birth_spread=0.1,
         across=1.0, down=1.0, up=1.0, unevenness=0.3, grain=(3, 3), raggedness=0.04, gain=0.45,
         mottling=0.15, scale=0.304, pace=_EVERYWHERE,
     ),
+    # Round cushions from some dozens of spores, alike in all directions, in damp patches; colonies
+    # come over a good part of the time. Their edges crumble almost as rust does.
     "moss": Growth(
         nuclei=45, clusters=(3, 3), cluster_delay=0.35, birth_spread=0.2,
         across=1.0, down=1.0, up=1.0, unevenness=0.6, grain=(10, 10), raggedness=0.05, gain=0.8,
         mottling=0.35, scale=0.185,
     ),
 }  # fmt: skip
+# Any other process, of which nothing is known: round spots, middling in everything.
 _SPOTS = Growth(
     nuclei=120, clusters=(3, 3), cluster_delay=0.15, birth_spread=0.1,
     across=1.0, down=1.0, up=1.0, unevenness=0.5, grain=(8, 8), raggedness=0.03, gain=0.55,
