@@ -120,3 +120,15 @@ def test_weathering_writes_a_sequence(monkeypatch, tmp_path):
     words = ["weathering", "rust", "--output", tmp_path / "s", "--size", "8", "--frames", "3"]
     assert call(monkeypatch, *words) == 0
     assert len(list((tmp_path / "s").glob("kd_*.exr"))) == 3
+
+
+def test_ctrl_c_while_it_is_loaded_is_no_traceback(tmp_path: Path):
+    (tmp_path / "tyro.py").write_text("raise KeyboardInterrupt\n")
+    code = (
+        f"import runpy, sys\nsys.path.insert(0, {str(tmp_path)!r})\n"
+        "runpy.run_module('training', run_name='__main__', alter_sys=True)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False
+    )
+    assert (done.returncode, done.stderr) == (130, "")

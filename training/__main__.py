@@ -7,10 +7,13 @@ from json import dumps
 from pathlib import Path
 from typing import Literal
 
-import tyro
+try:
+    import tyro
 
-from model_runtime.errors import TvbrdfError, UsageError, reason, shown
-from model_runtime.memory import check_limits, memory_in_words
+    from model_runtime.errors import TvbrdfError, UsageError, reason, shown
+    from model_runtime.memory import check_limits, memory_in_words
+except KeyboardInterrupt:  # before `main` heeds it
+    sys.exit(130)
 
 _MOST_MINUTES = 1e6
 

@@ -19,6 +19,7 @@ from ..model_runtime.contract import AUTO, BALANCED, EVERYWHERE, LIVE, LSTM_LATE
 from . import preferences, properties
 from .errors import MaterialError
 from .known import known
+from .log import said_of, tell
 from .material.nodes.revert import is_aged
 from .material.nodes.surface import find_principled
 from .material.reading.onset import is_painted, showing
@@ -158,7 +159,11 @@ def _look_in_time() -> None:
     scene = _by_uid(bpy.data.scenes, _wanted[1])
     if material is None or scene is None or is_aged(material):
         return
-    look = _look(material, scene)
+    try:
+        look = _look(material, scene)
+    except Exception as error:  # a timer's traceback would reach nobody
+        tell(said_of(error), of_error=True)
+        look = None
     ended = time.monotonic()
     _next_look = ended + max(PAUSE, SHARE * (ended - started))
     if look is None or look == _looks.get(_wanted):

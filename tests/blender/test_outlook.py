@@ -95,3 +95,14 @@ def test_runs_are_learned_from_and_kept(tmp_path: Path, monkeypatch):
         (100 / (36 * 1024**2) + Rates().write["draft"]) / 2
     )
     assert Rates.load(tmp_path / "rates.json") == module._rates
+
+
+def test_a_look_that_fails_is_said_and_ends_no_timer_with_a_traceback(paint, monkeypatch, capsys):
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("of nobody's making")
+
+    monkeypatch.setattr(module, "_look", fail)
+    assert looked(paint) is None
+    said = capsys.readouterr().err
+    assert "This should not happen (ZeroDivisionError" in said
+    assert "Traceback" not in said
