@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .maps import PrincipledMaps
 from .memory import memory_in_words
-from .modelling.aged import EFFORTS, Effort, model_texels
+from .modelling.aged import EFFORTS, Change, Effort, model_texels
 from .modelling.compose import AgedTexels
 from .modelling.start import Start, read_start
 from .modelling.texels import authored_texels
@@ -81,18 +80,20 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     _require_room(run, start, staged, live=start.may_be_live)
     counted = start.counted
     rung = _rung(run, start.models.ntm, counted.initial)
-    model = _model(run, start, rung, device)
+    change = _change(run, start, rung, device)
     with run.timed("model"):
-        modelled = model(
+        modelled = model_texels(
             counted.initial,
-            effort=effort,
+            change,
+            effort,
             onset=counted.onset,
             rate=counted.rate,
+            tolerance=run.request.tolerance,
             step=lambda share: run.progress("model", 0.05 + 0.35 * share),
         )
     live = None
     if start.may_be_live:
-        live = _fit_live(run, start, modelled, _each_for_itself(start, model, effort))
+        live = _fit_live(run, start, modelled, _each_for_itself(start, change, effort))
         if live is None:
             _require_room(run, start, staged, live=False)
     times = np.linspace(0, 1, run.request.frames).tolist()
@@ -124,15 +125,12 @@ def _require_room(run: Run, start: Start, staged: StagedResult, *, live: bool) -
     check_space(request.output, start.size[0] * start.size[1] * needed, len(names))
 
 
-def _model(run: Run, start: Start, rung: str, device: torch.device) -> Callable[..., AgedTexels]:
-    """`model_texels` for this run: of its texels, effort and timing remain to be told."""
-    return partial(
-        model_texels,
-        ntm=start.models.ntm,
-        rung=rung,
-        representation=start.models.representation,
-        estimator=start.models.estimator,
-        tolerance=run.request.tolerance,
+def _change(run: Run, start: Start, rung: str, device: torch.device) -> Change:
+    return Change(
+        start.models.ntm,
+        rung,
+        start.models.representation,
+        start.models.estimator,
         specular=run.request.specular,
         measured=start.material if isinstance(start.material, MeasuredBRDF) else None,
         device=device,
@@ -141,13 +139,15 @@ def _model(run: Run, start: Start, rung: str, device: torch.device) -> Callable[
 
 
 def _each_for_itself(
-    start: Start, model: Callable[..., AgedTexels], effort: Effort
+    start: Start, change: Change, effort: Effort
 ) -> Callable[[Tensor], AgedTexels]:
     """What models some texels without a palette, as if all began to age at once."""
     fit = (effort.fit or USUAL) if effort.checked else effort.fit
     own = replace(effort, step=0.0, checked=False, fit=fit)
     at_once = start.texels.onset is None
-    return lambda some: model(some, effort=own, onset=None if at_once else torch.zeros(len(some)))
+    return lambda some: model_texels(
+        some, change, own, onset=None if at_once else torch.zeros(len(some))
+    )
 
 
 def _fit_live(

@@ -14,6 +14,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from .channels import ALPHA, KD, KS, WIDTH
+
 __all__ = ("HALF_MAX", "Halves", "Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
 
 Pixels = NDArray[np.float32]
@@ -61,6 +63,20 @@ class TorranceSparrowMaps(_SizedMaps):
     kd: Pixels
     ks: Pixels
     alpha: Pixels
+
+    def planes(self) -> Pixels:
+        """States [C, H W], plane after plane (`channels`)."""
+        planes = np.empty((WIDTH, self.size[0] * self.size[1]), np.float32)
+        for channel, pixels in ((KD, self.kd), (KS, self.ks), (ALPHA, self.alpha)):
+            planes[channel] = pixels.reshape(planes.shape[1], -1).T
+        return planes
+
+    @classmethod
+    def of(cls, planes: Pixels, size: tuple[int, int] | None = None) -> TorranceSparrowMaps:
+        """Views of states [C, n] as maps of `size`, by default one texel wide."""
+        height, width = size or (planes.shape[1], 1)
+        kd, ks = (planes[channel].T.reshape(height, width, 3) for channel in (KD, KS))
+        return cls(kd, ks, planes[ALPHA.start].reshape(height, width))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from model_runtime.age import AgeRequest, age
 from model_runtime.brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from model_runtime.brdf.torrance_sparrow import evaluate
 from model_runtime.model_files.weights import find_model
-from model_runtime.modelling.aged import EFFORTS, Effort, model_texels
+from model_runtime.modelling.aged import EFFORTS, Change, Effort, model_texels
 from model_runtime.modelling.palette import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import load_estimator
@@ -47,26 +48,21 @@ def test_an_effort_that_is_given_is_spent_whatever_the_quality(paint: Path, tmp_
 
 
 def test_finer_cells_are_nearer_to_each_texel_for_itself(rust):
-    initial = texels(400)
-    truth = model_texels(initial, rust[0], "lstm_parameters", rust[1], EFFORTS["exact"])
+    initial, change = texels(400), Change(rust[0], "lstm_parameters", rust[1])
+    truth = model_texels(initial, change, EFFORTS["exact"])
     assert len(truth.palette.entries) == 400
     found = []
     for step in (0.4, 0.1, 0.02):
-        aged = model_texels(
-            initial, rust[0], "lstm_parameters", rust[1], Effort(step=step, checked=False)
-        )
+        aged = model_texels(initial, change, Effort(step=step, checked=False))
         found.append(appearance_psnr(truth.at(0.6), aged.at(0.6)))
     assert found == sorted(found)
 
 
 def test_only_what_is_checked_is_made_finer(rust):
     coarse = Effort(step=0.4, checked=False)
+    change = Change(rust[0], "lstm_parameters", rust[1])
     entries = [
-        len(
-            model_texels(
-                texels(400), rust[0], "lstm_parameters", rust[1], effort, tolerance=60
-            ).palette.entries
-        )
+        len(model_texels(texels(400), change, effort, tolerance=60).palette.entries)
         for effort in (coarse, replace(coarse, checked=True))
     ]
     assert entries[0] < entries[1]
@@ -74,11 +70,10 @@ def test_only_what_is_checked_is_made_finer(rust):
 
 def test_only_what_is_checked_says_what_it_misses(rust):
     said: list[str] = []
+    change = Change(rust[0], "lstm_parameters", rust[1], warn=said.append)
     for checked in (False, True):
         effort = Effort(step=0.4, most=4, checked=checked)
-        model_texels(
-            texels(400), rust[0], "lstm_parameters", rust[1], effort, tolerance=99, warn=said.append
-        )
+        model_texels(texels(400), change, effort, tolerance=99)
     assert len(said) == 1 and "99 dB" in said[0]
 
 
@@ -101,11 +96,9 @@ class TestEstimator:
     """In place of the fit, where latents are rolled out."""
 
     @staticmethod
-    def modelled(rust, estimator, effort: Effort, **options):
-        ntm, representation = rust
-        return model_texels(
-            texels(40), ntm, "lstm_latents", representation, effort, estimator=estimator, **options
-        )
+    def modelled(rust, estimator, effort: Effort, *, tolerance: float = math.inf, **options):
+        change = Change(rust[0], "lstm_latents", rust[1], estimator, **options)
+        return model_texels(texels(40), change, effort, tolerance=tolerance)
 
     def test_without_a_fit_it_is_asked_and_near_to_it(self, rust, estimator):
         draft = EFFORTS["draft"]
@@ -126,11 +119,10 @@ class TestEstimator:
             assert same == equal, tolerance
 
     def test_one_material_all_over_is_fitted(self, rust, estimator):
-        ntm, representation = rust
         initial = texels(1).expand(5, 7)
         told, fitted = (
             model_texels(
-                initial, ntm, "lstm_latents", representation, EFFORTS["balanced"], estimator=each
+                initial, Change(rust[0], "lstm_latents", rust[1], each), EFFORTS["balanced"]
             )
             for each in (estimator, None)
         )

@@ -15,7 +15,7 @@ from model_runtime.brdf.fit import USUAL
 from model_runtime.errors import UsageError
 from model_runtime.model_files.weights import find_model
 from model_runtime.modelling import aged, rollout
-from model_runtime.modelling.aged import EFFORTS, model_texels
+from model_runtime.modelling.aged import EFFORTS, Change, model_texels
 from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import ParameterEstimator
 from model_runtime.representation.latents import Representation
@@ -78,12 +78,8 @@ def test_where_a_device_fails_the_cpu_does_it_and_it_is_said(models: Models):
         there, here = (
             model_texels(
                 STATES,
-                ntm,
-                "lstm_latents",
-                representation,
+                Change(ntm, "lstm_latents", representation, device=device, warn=said.append),
                 EFFORTS["draft"],
-                device=device,
-                warn=said.append,
             ).histories.states
             for device in (META, aged.CPU)
         )

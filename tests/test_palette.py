@@ -14,9 +14,9 @@ from model_runtime.modelling.palette import (
     Stored,
     appearance_psnr,
     build_palette,
-    clamp_parameters,
     stored_frames,
 )
+from model_runtime.states import clamped
 
 
 def texels(n: int, seed: int = 0) -> torch.Tensor:
@@ -108,11 +108,11 @@ class TestAppearance:
 def test_clamping():
     wild = torch.tensor([[-1.0, 0.5, 2, -0.1, 0, 3, 0], [0, 0, 0, 0, 0, 0, 7.0]])
     least = float(np.float32(1e-4))
-    assert clamp_parameters(wild).tolist() == [
+    assert clamped(wild).tolist() == [
         [0, 0.5, 2, 0, 0, 3, least],
         [0, 0, 0, 0, 0, 0, 1],
     ]
-    assert clamp_parameters(texels(6).reshape(2, 3, 7)).shape == (2, 3, 7)
+    assert clamped(texels(6).reshape(2, 3, 7)).shape == (2, 3, 7)
 
 
 def rebuilt(stored: Stored, sample: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from model_runtime.brdf.torrance_sparrow import ALPHA_MIN
+from model_runtime.channels import ALPHA_MIN
 from model_runtime.errors import ModelFileError
 from model_runtime.model_files.weights import MODELS, list_models
 from model_runtime.modelling.palette import viewing_angles

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from model_runtime.brdf.half_angle import above_horizon, directions, from_directions
-from model_runtime.brdf.torrance_sparrow import ALPHA_MIN, evaluate, specular_lobe
+from model_runtime.brdf.torrance_sparrow import evaluate, specular_lobe
+from model_runtime.channels import ALPHA_MIN
 
 ALPHAS = (1e-4, 1e-3, 0.01, 0.1, 0.3, 0.7, 1.0)
 

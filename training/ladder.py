@@ -17,7 +17,7 @@ from model_runtime.contract import LADDER, LSTM_LATENTS
 from model_runtime.modelling.palette import viewed, viewed_psnr, viewing_angles
 from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation.latents import Latents, Representation
-from model_runtime.temporal.domain import perceptual
+from model_runtime.states import perceptual
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from .source.histories import SourceHistories

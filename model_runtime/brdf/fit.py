@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..channels import ALPHA_MIN
 from ..contract import Specular
+from ..states import joined
 from .half_angle import above_horizon, cosines
-from .torrance_sparrow import ALPHA_MIN, specular_lobe
+from .torrance_sparrow import specular_lobe
 
 __all__ = ("USUAL", "Fit", "FitEffort", "fit_angles", "fit_torrance_sparrow")
 
@@ -42,8 +44,8 @@ class Fit:
     error: Tensor
 
     def parameters(self) -> Tensor:
-        """[N, 7]: kd, ks, alpha side by side."""
-        return torch.cat((self.kd, self.ks, self.alpha[:, None]), 1)
+        """As states [N, C]."""
+        return joined(self.kd, self.ks, self.alpha)
 
 
 def fit_angles() -> Tensor:

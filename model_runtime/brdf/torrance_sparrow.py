@@ -7,11 +7,10 @@ import math
 import torch
 from torch import Tensor
 
+from ..channels import ALPHA_MIN
 from .half_angle import cosines
 
-__all__ = ("ALPHA_MIN", "evaluate", "specular_lobe")
-
-ALPHA_MIN = 1e-4
+__all__ = ("evaluate", "specular_lobe")
 
 
 def specular_lobe(alpha: Tensor, angles: Tensor) -> Tensor:

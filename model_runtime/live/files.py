@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from ..brdf.principled import EXACT_F0
+from ..channels import optics
 from ..contract import (
     COEFFICIENTS_A_FILE,
     CURVES,
@@ -111,7 +112,7 @@ def _representable(found: LowRank, aged: AgedTexels) -> bool:
 
 def _headroom(found: LowRank, initial: Tensor, entry: Tensor) -> Tensor:
     """[n]: how far texels stay, at every age, below what "principled-exact" can hold."""
-    kd, ks, _ = found.at_ages(initial, entry).split((3, 3, 1), -1)
+    kd, ks, _ = optics(found.at_ages(initial, entry))
     strongest = ks.amax(-1)
     return torch.minimum(EXACT_F0 - strongest, 1 - strongest - kd.amax(-1)).amin(1)
 

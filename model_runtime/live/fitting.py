@@ -10,9 +10,11 @@ import torch
 from torch import Tensor
 
 from ..brdf import principled
+from ..channels import ALPHA, KD, KS, optics
 from ..maps import PrincipledMaps, TorranceSparrowMaps
 from ..modelling.compose import AgedTexels
 from ..modelling.palette import look, viewed
+from ..states import joined
 from .low_rank import LowRank, at_ages, fit_low_rank
 
 __all__ = ("Fitted", "fit_live")
@@ -88,26 +90,26 @@ def _texels(maps: PrincipledMaps, rows: Tensor) -> PrincipledMaps:
 
 
 def _look(states: Tensor, sockets: PrincipledMaps | None) -> Tensor:
-    """[n, A, M 3] of (kd, ks, r) [n, A, 7], at the viewing angles: as they are, or as texels with
-    these `sockets` [n, 1] can show them.
+    """[n, A, M 3] of states [n, A, C] with roughness, at the viewing angles: as they are, or as
+    texels with these `sockets` [n, 1] can show them.
     """
     size = states.shape[0], states.shape[1]
-    kd, ks, alpha = states[..., :3], states[..., 3:6], states[..., 6].square()
+    kd, ks, r = optics(states)
+    alpha = r.square()
     if sockets is not None:
         maps = TorranceSparrowMaps(kd.numpy(), ks.numpy(), alpha.numpy())
         given = sockets.map(lambda pixels: np.broadcast_to(pixels, (*size, *pixels.shape[2:])))
         shown = principled.forward(principled.read_back(maps, given))
         kd, ks, alpha = map(torch.from_numpy, (shown.kd, shown.ks, shown.alpha))
-    parameters = torch.cat((kd, ks, alpha[..., None]), -1)
-    return look(viewed(parameters)).flatten(1).unflatten(0, size)
+    return look(viewed(joined(kd, ks, alpha))).flatten(1).unflatten(0, size)
 
 
 def _error_db(truth: Tensor, states: Tensor) -> dict[str, float]:
     found = {}
     for name, channels, power in (
-        ("kd", slice(0, 3), 0.5),
-        ("ks", slice(3, 6), 0.5),
-        ("roughness", slice(6, 7), 1.0),
+        ("kd", KD, 0.5),
+        ("ks", KS, 0.5),
+        ("roughness", ALPHA, 1.0),
     ):
         away = truth[..., channels].pow(power) - states[..., channels].pow(power)
         error = away.square().mean((0, 2)).max().clamp_min(1e-10)

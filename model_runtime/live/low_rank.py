@@ -6,6 +6,7 @@ a space of few dimensions. Both are fitted to the material's own histories, thos
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +14,14 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ..channels import REFLECTANCES, clip_planes
 from ..maps import Pixels
 from ..modelling.compose import AgedTexels
 from ..modelling.palette import Palette
-from ..temporal.domain import perceptual
-from .evaluate import ROUGHNESS_MIN, Curves
+from ..states import perceptual, with_reflectances, with_roughness
+from .evaluate import Curves
 
-__all__ = ("MOST_COEFFICIENTS", "LowRank", "at_ages", "fit_low_rank", "with_roughness")
+__all__ = ("MOST_COEFFICIENTS", "LowRank", "at_ages", "fit_low_rank")
 
 MOST_COEFFICIENTS = 12
 
@@ -40,11 +42,11 @@ class LowRank:
     those of its palette's entry and, nearby, follow their slope.
 
     ages: [A] from 0 to 1, those that are modelled and some more before the first of them
-    gain, offset: [A, 7]; shapes: [R, A, 7]
+    gain, offset: [A, C]; shapes: [R, A, C]
     coefficients: [P, R] of the entries, each at most 1 in size; the first of them matter most, and
         any number of them is the best choice of as many
-    slopes: [P, 8, R]: a texel's coefficients are its perceptual coordinates and 1, times these; or
-        None, where each texel is an entry
+    slopes: [P, C + 1, R]: a texel's coefficients are its perceptual coordinates and 1, times these;
+        or None, where each texel is an entry
     worst: [R + 1] the entry that is left farthest by none, one ... all of the coefficients
     """
 
@@ -67,22 +69,19 @@ class LowRank:
         )
 
     def of(self, initial: Tensor, entry: Tensor) -> Tensor:
-        """Coefficients [n, R] of texels `initial` [n, 7] (kd, ks, alpha) of the entries `entry`
-        [n].
-        """
+        """Coefficients [n, R] of texels `initial` [n, C] of the entries `entry` [n]."""
         if self.slopes is None:
             return self.coefficients[entry]
         place = functional.pad(perceptual(initial), (0, 1), value=1.0)
         return torch.bmm(place[:, None], self.slopes[entry])[:, 0]
 
     def at_ages(self, initial: Tensor, entry: Tensor) -> Tensor:
-        """States [n, A, 7] (kd, ks, r) at all ages of texels `initial` [n, 7] (kd, ks, alpha) of
-        the entries `entry` [n].
+        """States [n, A, C] with roughness at all ages of texels `initial` [n, C] of the entries
+        `entry` [n].
         """
         states = self.gain * with_roughness(initial)[:, None] + self.offset
         states += torch.tensordot(self.of(initial, entry), self.shapes, 1)
-        states[..., :6].clamp_(min=0)
-        states[..., 6].clamp_(ROUGHNESS_MIN, 1)
+        clip_planes(states.movedim(-1, 0).numpy(), roughness=True)
         return states
 
     def curves(self) -> Curves:
@@ -94,13 +93,12 @@ class LowRank:
             return np.stack(columns, -1).astype(np.float32)
 
         shapes = [spread(shape) for shape in self.shapes]
-        return Curves(
-            spread(self.gain), spread(self.offset), np.reshape(shapes, (-1, len(even), 7))
-        )
+        gain, offset = spread(self.gain), spread(self.offset)
+        return Curves(gain, offset, np.reshape(shapes, (-1, *gain.shape)))
 
 
 def at_ages(texels: AgedTexels) -> Tensor:
-    """[n, A, 7] (kd, ks, r) of `texels` at all ages (`LowRank`), whatever their onset."""
+    """[n, A, C] with roughness of `texels` at all ages (`LowRank`), whatever their onset."""
     ageing = replace(texels, onset=None, rate=None)
     ages = _ages(len(texels.gain)).tolist()
     return with_roughness(torch.stack([ageing.at(age) for age in ages], 1))
@@ -115,13 +113,8 @@ def _ages(count: int) -> Tensor:
     return torch.cat((torch.linspace(0, float(ages[1]), _PARTS + 1)[:-1], ages[1:]))
 
 
-def with_roughness(states: Tensor) -> Tensor:
-    """(kd, ks, r) of (kd, ks, alpha) [..., 7]: r = sqrt(alpha) is Blender's roughness."""
-    return torch.cat((states[..., :6], states[..., 6:].sqrt()), -1)
-
-
 def _histories(aged: AgedTexels, entries: Tensor) -> Tensor:
-    """[n, A, 7] of texels that are the palette's `entries` [n]."""
+    """[n, A, C] of texels that are the palette's `entries` [n]."""
     own = Palette(aged.palette.entries[entries], torch.arange(len(entries)))
     histories = replace(aged.histories, states=aged.histories.states[entries])
     return at_ages(AgedTexels(own.entries, own, histories, aged.gain, None)).double()
@@ -166,8 +159,8 @@ def fit_low_rank(aged: AgedTexels) -> LowRank:
 
 
 def _slopes(entries: Tensor, coefficients: Tensor) -> Tensor:
-    """[P, 8, R]: planes through each entry's coefficients [P, R] that lie nearest to those of its
-    neighbors, over perceptual coordinates.
+    """[P, C + 1, R]: planes through each entry's coefficients [P, R] that lie nearest to those of
+    its neighbors, over perceptual coordinates.
     """
     place = perceptual(entries)
     nearest = torch.cdist(place, place).topk(min(_NEIGHBORS + 1, len(place)), largest=False)
@@ -175,27 +168,28 @@ def _slopes(entries: Tensor, coefficients: Tensor) -> Tensor:
     away = place[neighbor] - place[:, None]
     square = away.square().sum(2, keepdim=True)
     weighted = (away / (square + square.mean(1, keepdim=True))).mT
-    normal = weighted @ away + _STIFFNESS * torch.eye(7)
+    normal = weighted @ away + _STIFFNESS * torch.eye(place.shape[1])
     slope = torch.linalg.solve(normal, weighted @ (coefficients[neighbor] - coefficients[:, None]))
     level = coefficients[:, None] - place[:, None] @ slope
     return torch.cat((slope, level), 1)
 
 
 def _between(curve: Tensor, ages: Tensor) -> Tensor:
-    """The values [A, 7] of a curve [T, 7] over evenly spaced ages, at `ages` [A]."""
+    """The values [A, C] of a curve [T, C] over evenly spaced ages, at `ages` [A]."""
     place = ages * (len(curve) - 1)
     lower = place.long().clamp_max(len(curve) - 2)
     return torch.lerp(curve[lower], curve[lower + 1], (place - lower)[:, None].double())
 
 
 def _sensitivity(states: Tensor) -> Tensor:
-    """By how much the square roots of kd and ks, and r, change with each of `states` [..., 7]."""
-    albedos, r = states.split((6, 1), -1)
-    return torch.cat((0.5 / albedos.clamp_min(_DARKEST).sqrt(), torch.ones_like(r)), -1)
+    """By how much the square roots of kd and ks, and r, change with each of `states` [..., C]."""
+    albedos = states[..., REFLECTANCES]
+    slope = 0.5 / perceptual(albedos, least=_DARKEST, most=math.inf)
+    return with_reflectances(torch.ones_like(states), slope)
 
 
 def _spread(aged: AgedTexels) -> Tensor:
-    """[7]: mean square by which texels differ from their entry, as (kd, ks, r)."""
+    """[C]: mean square by which texels differ from their entry, with roughness."""
     rows = torch.randint(len(aged.initial), (_SPREAD,), generator=torch.Generator().manual_seed(0))
     entry = aged.palette.entries[aged.palette.index[rows]]
     away = with_roughness(aged.initial[rows]) - with_roughness(entry)
@@ -205,9 +199,9 @@ def _spread(aged: AgedTexels) -> Tensor:
 def _affine(
     histories: Tensor, weight: Tensor, usual: Tensor, spread: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Gain and offset [A, 7] of `histories` [P, A, 7] by least squares, `weight` [P, A, 7].
+    """Gain and offset [A, C] of `histories` [P, A, C] by least squares, `weight` [P, A, C].
 
-    What texels differ by within their entry, `spread` [7], fades as `usual` [A, 7] says.
+    What texels differ by within their entry, `spread` [C], fades as `usual` [A, C] says.
     """
     start = histories[:, :1]
     total = weight.sum(0)
@@ -224,5 +218,5 @@ def _affine(
 
 
 def _left(histories: Tensor, gain: Tensor, offset: Tensor) -> Tensor:
-    """[P, A 7]: what the affine part leaves of `histories` [P, A, 7]."""
+    """[P, A C]: what the affine part leaves of `histories` [P, A, C]."""
     return (histories - gain * histories[:, :1] - offset).flatten(1)

@@ -14,13 +14,13 @@ from ..brdf.measured import MeasuredBRDF
 from ..contract import BALANCED, CONSTANT, DRAFT, EXACT, LSTM_LATENTS, Quality, Specular
 from ..images import Compression
 from ..representation.estimator import ParameterEstimator
-from ..representation.latents import Representation
+from ..representation.latents import PAPER_SAMPLES, Representation
 from ..temporal.ntm import NeuralTemporalModel
 from .compose import AgedTexels
 from .palette import Palette, appearance_psnr, build_palette
 from .rollout import CPU, Histories, roll_out
 
-__all__ = ("EFFORTS", "Effort", "model_texels")
+__all__ = ("EFFORTS", "Change", "Effort", "model_texels")
 
 _WORTHWHILE = 1.0  # dB that finer cells must gain to be made finer still
 _CHECKED = 128  # texels on which a palette is compared with each modelled for itself
@@ -52,115 +52,201 @@ class Effort:
 EFFORTS: Mapping[Quality, Effort] = {
     DRAFT: Effort(step=0.12, most=256, checked=False, interval=3, compression="none"),
     BALANCED: Effort(),
-    EXACT: Effort(step=0.0, most=0, checked=False, samples=16_200, fit=USUAL),
+    EXACT: Effort(step=0.0, most=0, checked=False, samples=PAPER_SAMPLES, fit=USUAL),
 }
 """What each quality (docs/design.md, command line) means."""
 
 
+@dataclass(frozen=True)
+class Change:
+    """How texels change in a run: what those that are modelled share, whatever they start as.
+
+    rung: of the ladder of `ntm`
+    estimator: of the parameters of latents, where an effort has no fit; without one they are fitted
+    specular: "mono" gives all colors one Ks
+    measured: the BRDF behind the only texel, where there is one
+    device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it
+    warn: hears what the user should know, in sentences
+    """
+
+    ntm: NeuralTemporalModel
+    rung: str
+    representation: Representation
+    estimator: ParameterEstimator | None = None
+    specular: Specular = "rgb"
+    measured: MeasuredBRDF | None = None
+    device: torch.device = CPU
+    warn: Callable[[str], None] = lambda message: None
+
+    @property
+    def gain(self) -> Tensor:
+        """[T, C]: how much of a texel's own difference from its entry is left at each age."""
+        gain = self.ntm.affine.gain
+        return torch.ones_like(gain) if self.rung == CONSTANT else gain
+
+    def aged(
+        self,
+        initial: Tensor,
+        palette: Palette,
+        histories: Histories,
+        onset: Tensor | None = None,
+        rate: Tensor | None = None,
+    ) -> AgedTexels:
+        """Texels `initial` [n, C] that follow `histories`, those of the entries of `palette`.
+
+        onset, rate: [n] when each starts and how fast it runs; without an onset all change as those
+        of the source did on average.
+        """
+        texels = AgedTexels(initial, palette, histories, self.gain, onset, rate)
+        timing = self.ntm.timing
+        if onset is not None or timing is None:
+            return texels
+        return texels.averaged(torch.from_numpy(timing.mean_of_ages(self.ntm.frames)))
+
+
 def model_texels(
     initial: Tensor,
-    ntm: NeuralTemporalModel,
-    rung: str,
-    representation: Representation,
+    change: Change,
     effort: Effort,
     *,
-    estimator: ParameterEstimator | None = None,
     onset: Tensor | None = None,
     rate: Tensor | None = None,
     tolerance: float = math.inf,
-    specular: Specular = "rgb",
-    measured: MeasuredBRDF | None = None,
-    device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
-    warn: Callable[[str], None] = lambda message: None,
 ) -> AgedTexels:
-    """Texels `initial` [n, 7] (kd, ks, alpha) with histories under `rung` of `ntm`.
+    """Texels `initial` [n, C] with their histories under `change`.
 
-    estimator: of the parameters of latents, where `effort` has no fit; without one they are fitted.
-    onset, rate: [n] when each history starts and how fast it runs; without an onset all texels
-    change as those of the source did on average.
+    onset, rate: as in `Change.aged`
     tolerance: dB that a checked palette is to reach against texels modelled and fitted each for
-    itself. Where estimates miss it they are replaced by fits, and where the palette does its cells
-    are halved as long as that helps; what is still missing is told to `warn`.
-    measured: the BRDF behind the only texel of `initial`, where there is one.
-    device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it.
-    `step` hears which share of a palette is done.
+        itself. Where estimates miss it they are replaced by fits, and where the palette does its
+        cells are halved as long as that helps; what is still missing is told to `change.warn`.
+    step: hears which share of a palette is done
     """
-    gain = torch.ones_like(ntm.affine.gain) if rung == CONSTANT else ntm.affine.gain
-
-    fitted = effort.fit or USUAL
-    quick = fitted if effort.fit or estimator is None else estimator
-
-    def modelled_on(
-        device: torch.device, palette: Palette, fit: FitEffort | ParameterEstimator
-    ) -> Histories:
-        return roll_out(
-            palette.entries,
-            ntm,
-            rung,
-            representation,
-            samples=effort.samples,
-            fit=fit,
-            specular=specular,
-            measured=measured,
-            device=device,
-            step=step,
-        )
-
-    def modelled(palette: Palette, fit: FitEffort | ParameterEstimator) -> Histories:
-        nonlocal device
-        try:
-            return modelled_on(device, palette, fit)
-        except RuntimeError as error:  # torch's, out of memory among them
-            if device == CPU:
-                raise
-            warn(f"The GPU failed ({str(error).splitlines()[0]}), so the CPU was used.")
-            device = CPU
-            return modelled_on(device, palette, fit)
-
-    def aged(palette: Palette, histories: Histories) -> AgedTexels:
-        texels = AgedTexels(initial, palette, histories, gain, onset, rate)
-        if onset is not None or ntm.timing is None:
-            return texels
-        return texels.averaged(torch.from_numpy(ntm.timing.mean_of_ages(ntm.frames)))
-
+    rollouts = _Rollouts(change, effort, step)
     if bool((initial == initial[0]).all()):
         palette = Palette(initial[:1].clone(), torch.zeros(len(initial), dtype=torch.long))
-        return aged(palette, modelled(palette, fitted))
-    palette = build_palette(initial, effort.step, most=effort.most)
-    histories = modelled(palette, quick)
-    if not effort.checked:
-        return aged(palette, histories)
+        found = _Modelled(palette, rollouts.fitted(palette.entries))
+    else:
+        palette = build_palette(initial, effort.step, most=effort.most)
+        found = _Modelled(palette, rollouts.quick(palette.entries))
+        if effort.checked:
+            found = _refined(found, initial, rollouts, tolerance)
+    return change.aged(initial, found.palette, found.histories, onset, rate)
 
-    # At random: evenly spaced ones would fall in with the pattern of a texture.
-    chance = torch.Generator().manual_seed(0)
-    rows = torch.randint(len(initial), (min(_CHECKED, len(initial)),), generator=chance)
-    own = Palette(initial[rows], torch.arange(len(rows)))
-    truth = AgedTexels(own.entries, own, modelled(own, fitted), gain, None)
 
-    def psnr_of(palette: Palette, histories: Histories) -> float:
-        estimate = AgedTexels(own.entries, palette, histories, gain, None)
-        return min(appearance_psnr(truth.at(t), estimate.at(t)) for t in _CHECKED_AT)
+@dataclass(frozen=True)
+class _Modelled:
+    """A palette and the histories of its entries."""
 
-    def reached() -> float:
-        return psnr_of(Palette(palette.entries, palette.index[rows]), histories)
+    palette: Palette
+    histories: Histories
 
-    asked = rung == LSTM_LATENTS and isinstance(quick, ParameterEstimator)
-    if asked and psnr_of(own, modelled(own, quick)) < tolerance:
-        quick = fitted
-        histories = modelled(palette, quick)
-    psnr, gained, cells = reached(), math.inf, effort.step
+
+class _Rollouts:
+    """Rolls entries [P, C] out under a change, with an effort; a GPU that failed once is left
+    alone.
+    """
+
+    def __init__(self, change: Change, effort: Effort, step: Callable[[float], None]) -> None:
+        self.change, self.effort, self._step = change, effort, step
+        self._device = change.device
+        self.estimates = effort.fit is None and change.estimator is not None
+
+    def fitted(self, entries: Tensor) -> Histories:
+        """With a fit where latents are decoded."""
+        return self._with(entries, self.effort.fit or USUAL)
+
+    def quick(self, entries: Tensor) -> Histories:
+        """With an estimate instead of the fit, where that is what the effort allows."""
+        estimator = self.change.estimator
+        if not self.estimates or estimator is None:
+            return self.fitted(entries)
+        return self._with(entries, estimator)
+
+    def _with(self, entries: Tensor, fit: FitEffort | ParameterEstimator) -> Histories:
+        try:
+            return self._on(self._device, entries, fit)
+        except RuntimeError as error:  # torch's, out of memory among them
+            if self._device == CPU:
+                raise
+            self.change.warn(f"The GPU failed ({str(error).splitlines()[0]}), so the CPU was used.")
+            self._device = CPU
+            return self._on(CPU, entries, fit)
+
+    def _on(
+        self, device: torch.device, entries: Tensor, fit: FitEffort | ParameterEstimator
+    ) -> Histories:
+        change = self.change
+        return roll_out(
+            entries,
+            change.ntm,
+            change.rung,
+            change.representation,
+            samples=self.effort.samples,
+            fit=fit,
+            specular=change.specular,
+            measured=change.measured,
+            device=device,
+            step=self._step,
+        )
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Texels at random, modelled and fitted each for itself: what a palette is held against."""
+
+    rows: Tensor
+    own: Palette
+    gain: Tensor
+    truth: AgedTexels
+
+    @classmethod
+    def of(cls, initial: Tensor, rollouts: _Rollouts) -> _Sample:
+        # At random: evenly spaced ones would fall in with the pattern of a texture.
+        chance = torch.Generator().manual_seed(0)
+        rows = torch.randint(len(initial), (min(_CHECKED, len(initial)),), generator=chance)
+        own = Palette(initial[rows].contiguous(), torch.arange(len(rows)))
+        gain = rollouts.change.gain
+        truth = AgedTexels(own.entries, own, rollouts.fitted(own.entries), gain, None)
+        return cls(rows, own, gain, truth)
+
+    def reached_by(self, found: _Modelled) -> float:
+        """PSNR in dB, at the worst age, where all texels follow `found`."""
+        palette = found.palette
+        return self._psnr(Palette(palette.entries, palette.index[self.rows]), found.histories)
+
+    def reached_by_estimates(self, rollouts: _Rollouts) -> float:
+        """Likewise where each texel is still modelled for itself, but not fitted."""
+        return self._psnr(self.own, rollouts.quick(self.own.entries))
+
+    def _psnr(self, palette: Palette, histories: Histories) -> float:
+        estimate = AgedTexels(self.own.entries, palette, histories, self.gain, None)
+        return min(appearance_psnr(self.truth.at(t), estimate.at(t)) for t in _CHECKED_AT)
+
+
+def _refined(found: _Modelled, initial: Tensor, rollouts: _Rollouts, tolerance: float) -> _Modelled:
+    """`found`, or what takes more effort, until texels `initial` reach `tolerance` dB
+    (`model_texels`).
+    """
+    change, effort = rollouts.change, rollouts.effort
+    sample = _Sample.of(initial, rollouts)
+    modelled = rollouts.quick
+    asked = change.rung == LSTM_LATENTS and rollouts.estimates
+    if asked and sample.reached_by_estimates(rollouts) < tolerance:
+        modelled = rollouts.fitted
+        found = _Modelled(found.palette, modelled(found.palette.entries))
+    psnr, gained, cells = sample.reached_by(found), math.inf, effort.step
     while psnr < tolerance and gained > _WORTHWHILE:
         cells /= 2
         finer = build_palette(initial, cells, most=effort.most)
-        if len(finer.entries) <= len(palette.entries):
+        if len(finer.entries) <= len(found.palette.entries):
             break
-        palette, histories = finer, modelled(finer, quick)
-        before, psnr = psnr, reached()
+        found = _Modelled(finer, modelled(finer.entries))
+        before, psnr = psnr, sample.reached_by(found)
         gained = psnr - before
     if psnr < tolerance:
-        warn(
+        change.warn(
             f"Modeling few materials reaches {psnr:.0f} of the {tolerance:g} dB asked for; choose "
             "quality exact to model every texel."
         )
-    return aged(palette, histories)
+    return found

@@ -10,35 +10,42 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..brdf.torrance_sparrow import ALPHA_MIN
+from ..channels import clip_planes
 from ..maps import Pixels
 from .palette import Palette
 from .rollout import Histories
 
-__all__ = ("AgedBand", "AgedTexels")
+__all__ = ("AgedBand", "AgedTexels", "anchored")
 
 _BAND = 1 << 15
 """Texels worked on at a time where nobody asks for other bands: they stay in the cache."""
+
+
+def anchored(histories: Tensor, initial: Tensor, gain: Tensor) -> Tensor:
+    """`histories` [N, T, C] of texels that start as `initial` [N, C], not as states[:, 0].
+
+        x(a) = P(a) + g(a) (x(0) - P(0)),
+
+    where P is the history and g the `gain` [T, C]: the difference, which holds the representation's
+    bias and, of a palette, its rounding, is carried along as far as the process lets differences
+    live.
+    """
+    return histories + gain * (initial - histories[:, 0])[:, None]
 
 
 @dataclass(frozen=True)
 class AgedTexels:
     """n texels and all that is needed to tell any of them at any time.
 
-    initial: [n, 7] (kd, ks, alpha) at t = 0
+    initial: [n, C] states at t = 0
     palette: which history a texel follows
     histories: of the palette's entries
-    gain: [T, 7] how much of a small initial difference is left at each age (the affine rung's)
+    gain: [T, C] how much of a small initial difference is left at each age (the affine rung's)
     onset: [n] the time at which each texel's history starts, or None: all at 0
     rate: [n] how fast it then runs, at most 1, or None: 1
 
-    A texel of age a = rate max(0, time - onset) is
-
-        x(a) = P(a) + g(a) (x(0) - P(0)),
-
-    where P is its entry's history and g the gain: the texel's own difference from its entry, which
-    holds the palette's rounding and the representation's bias, is carried along as far as the
-    process lets differences live. Before its onset a texel is the input to the bit.
+    A texel of age a = rate max(0, time - onset) is x(a), its entry's history `anchored` to what it
+    was. Before its onset a texel is the input to the bit.
     """
 
     initial: Tensor
@@ -49,15 +56,15 @@ class AgedTexels:
     rate: Tensor | None = None
 
     def at(self, time: float) -> Tensor:
-        """States [n, 7] at `time` in 0..1."""
-        states = self.initial.clone()
-        for start in range(0, len(states), _BAND):
+        """States [n, C] at `time` in 0..1."""
+        states = self.initial.T.clone()
+        for start in range(0, len(self.initial), _BAND):
             band = self.band(start, start + _BAND)
             started = band.started(time)
             if started:
                 rows = torch.from_numpy(start + band.order[:started])
-                states[rows] = torch.from_numpy(band.at(time)).T
-        return states
+                states[:, rows] = torch.from_numpy(band.at(time))
+        return states.T
 
     def averaged(self, ages: Tensor) -> AgedTexels:
         """Texels that show the mean over a source's timing instead of a time of their own.
@@ -74,7 +81,7 @@ class AgedTexels:
         """Only the texels `rows`."""
         return replace(
             self,
-            initial=self.initial[rows],
+            initial=self.initial.T[:, rows].T,
             palette=replace(self.palette, index=self.palette.index[rows]),
             onset=None if self.onset is None else self.onset[rows],
             rate=None if self.rate is None else self.rate[rows],
@@ -90,7 +97,7 @@ class AgedTexels:
         entry = self.palette.index[start:stop].numpy()
         return AgedBand(
             order,
-            np.ascontiguousarray(initial.T).take(order, 1),
+            initial.T.take(order, 1),
             (entry * self._timelines.ages).astype(np.int32)[order],
             onset[order],
             rate[order],
@@ -106,8 +113,8 @@ class AgedTexels:
 class _Timelines:
     """What the texels share, so that x(a) = own(a) + gain(a) x(0).
 
-    own:  [7, P ages] P(a) - g(a) P(0), one entry after the other
-    gain: [7, ages]
+    own:  [C, P ages] P(a) - g(a) P(0), one entry after the other
+    gain: [C, ages]
     ages: ages of an entry: the T modelled ones, and the last again to interpolate with
     """
 
@@ -128,7 +135,7 @@ class AgedBand:
     """m texels in the order in which their histories start, so that those under way come first.
 
     order:   [m] their places in the band as it was cut
-    initial: [7, m] (kd, ks, alpha) at t = 0
+    initial: [C, m] at t = 0
     first:   [m] where in the timelines their entry's age 0 stands
     onset, rate: [m]
     """
@@ -145,7 +152,7 @@ class AgedBand:
         return int(np.searchsorted(self.onset, np.float32(time)))
 
     def at(self, time: float) -> Pixels:
-        """States [7, k] at `time` of the k texels that have started."""
+        """States [C, k] at `time` of the k texels that have started."""
         k = self.started(time)
         place = (np.float32(time) - self.onset[:k]) * np.float32(self.timelines.ages - 2)
         place *= self.rate[:k]
@@ -153,14 +160,13 @@ class AgedBand:
         share = place - floor
         age = floor.astype(np.intp)
         cell = self.first[:k] + age
-        state = np.empty((7, k), np.float32)
+        state = np.empty((len(self.initial), k), np.float32)
         for own, gain, initial, result in zip(
             self.timelines.own, self.timelines.gain, self.initial, state, strict=True
         ):
             np.multiply(_between(gain, age, share), initial[:k], out=result)
             result += _between(own, cell, share)
-        np.maximum(state[:6], 0, out=state[:6])
-        np.clip(state[6], ALPHA_MIN, 1, out=state[6])
+        clip_planes(state)
         return state
 
 

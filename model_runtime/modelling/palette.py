@@ -10,15 +10,15 @@ import torch
 from torch import Tensor
 
 from ..brdf.half_angle import above_horizon
-from ..brdf.torrance_sparrow import ALPHA_MIN, evaluate
-from ..temporal.domain import perceptual
+from ..brdf.torrance_sparrow import evaluate
+from ..channels import optics
+from ..states import clamped, perceptual
 
 __all__ = (
     "Palette",
     "Stored",
     "appearance_psnr",
     "build_palette",
-    "clamp_parameters",
     "look",
     "stored_frames",
     "viewed",
@@ -32,27 +32,27 @@ _BAND = 1 << 15
 
 @dataclass(frozen=True)
 class Palette:
-    """Distinct initial states `entries` [P, 7] and, for each of n texels, which is its: `index`
-    [n].
+    """Distinct initial states `entries` [P, C], row by row, and which of them is that of each of n
+    texels: `index` [n].
     """
 
     entries: Tensor
     index: Tensor
 
 
-def build_palette(parameters: Tensor, step: float, *, most: int) -> Palette:
-    """Gather texels [n, 7] (kd, ks, alpha) that fall into one cell of a perceptual grid.
+def build_palette(states: Tensor, step: float, *, most: int) -> Palette:
+    """Gather texels `states` [n, C] that fall into one cell of a perceptual grid.
 
     A cell is `step` wide in every perceptual coordinate; its entry is the mean of its texels. The
     grid is coarsened until at most `most` entries are left. Step 0 keeps each texel to itself.
     """
     if step == 0:
-        return Palette(parameters, torch.arange(len(parameters)))
-    largest, bands = parameters.amax(0, keepdim=True), parameters.split(_BAND)
+        return Palette(states.contiguous(), torch.arange(len(states)))
+    largest, bands = states.amax(0, keepdim=True), states.split(_BAND)
     while (found := _cells(bands, largest, step, most)) is None:
         step *= 1.25
     cells, index = found
-    total = torch.zeros(len(cells), 7, dtype=torch.float64)
+    total = torch.zeros(len(cells), states.shape[1], dtype=torch.float64)
     count = torch.bincount(index, minlength=len(cells))
     for band, rows in zip(bands, index.split(_BAND), strict=True):
         total.index_add_(0, rows, band.double())
@@ -78,9 +78,9 @@ def _cells(
     return cells, torch.cat([torch.searchsorted(cells, number) for number in numbers])
 
 
-def _grid(parameters: Tensor, step: float) -> Tensor:
-    """Whole coordinates [n, 7] of the cell that each texel lies in."""
-    return (perceptual(parameters) / step + 0.5).floor().long()
+def _grid(states: Tensor, step: float) -> Tensor:
+    """Whole coordinates [n, C] of the cell that each texel lies in."""
+    return (perceptual(states) / step + 0.5).floor().long()
 
 
 def viewing_angles() -> Tensor:
@@ -95,11 +95,10 @@ def viewing_angles() -> Tensor:
 
 
 def viewed(states: Tensor) -> Tensor:
-    """f [N, M, 3] per steradian of states [..., 7], N in all, at `viewing_angles()`; values out of
+    """f [N, M, 3] per steradian of states [..., C], N in all, at `viewing_angles()`; values out of
     range count as clamped.
     """
-    flat = clamp_parameters(states.reshape(-1, 7))
-    return evaluate(flat[:, :3], flat[:, 3:6], flat[:, 6], viewing_angles())
+    return evaluate(*optics(clamped(states.flatten(0, -2))), viewing_angles())
 
 
 def viewed_psnr(truth: Tensor, estimate: Tensor) -> float:
@@ -118,14 +117,8 @@ def look(f: Tensor) -> Tensor:
 
 
 def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:
-    """PSNR in dB of two lists of states [..., 7], looked at from `viewing_angles()`."""
+    """PSNR in dB of two lists of states [..., C], looked at from `viewing_angles()`."""
     return viewed_psnr(viewed(truth), viewed(estimate))
-
-
-def clamp_parameters(parameters: Tensor) -> Tensor:
-    """[..., 7] with Kd, Ks >= 0 and alpha in [1e-4, 1], as they can be rendered."""
-    albedos, alpha = parameters.split((6, 1), -1)
-    return torch.cat((albedos.clamp_min(0), alpha.clamp(ALPHA_MIN, 1)), -1)
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,14 @@ from torch import Tensor
 from ..brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.torrance_sparrow import evaluate
+from ..channels import KD, KS, REFLECTANCES, optics
 from ..contract import LSTM_LATENTS, Specular
 from ..errors import InputError, ModelFileError, shown
 from ..maps import HALF_MAX
 from ..representation.estimator import ParameterEstimator
-from ..representation.latents import Latents, Representation
+from ..representation.latents import PAPER_SAMPLES, Latents, Representation
+from ..states import clamped, with_reflectances
 from ..temporal.ntm import NeuralTemporalModel
-from .palette import clamp_parameters
 
 __all__ = ("CPU", "Histories", "fit_measured", "roll_out")
 
@@ -26,13 +27,12 @@ CPU = torch.device("cpu")
 
 _BRIGHTEST = 3.0
 _CHUNK = 256
-_MEASURED_SAMPLES = 16_200  # as in the paper
 
 
 @dataclass(frozen=True)
 class Histories:
-    """`states` [P, T, 7] (kd, ks, alpha) of P entries at T ages from 0 to 1, the fit's error,
-    and the `device` that decoded and fitted.
+    """`states` [P, T, C] of P entries at T ages from 0 to 1, the fit's error, and the `device`
+    that decoded and fitted.
 
     Where the states went through latents, states[:, 0] is the entry as the representation sees it,
     not the entry itself.
@@ -44,7 +44,7 @@ class Histories:
 
 
 def fit_measured(brdf: MeasuredBRDF, specular: Specular) -> tuple[Tensor, float]:
-    """Torrance-Sparrow parameters [1, 7] of a measured BRDF and the relative RMS error of the
+    """The state [1, C] of a measured BRDF and the relative RMS error of the
     fit. Raises InputError where they are beyond what maps hold.
     """
     fit = fit_torrance_sparrow(brdf.evaluate(fit_angles())[None], specular=specular)
@@ -70,7 +70,7 @@ def roll_out(
     device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
 ) -> Histories:
-    """The histories of `entries` [P, 7] under the model of change `rung` of `ntm`.
+    """The histories of `entries` [P, C] under the model of change `rung` of `ntm`.
 
     Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
     `samples` directions of them where that is given (`measured`, then the only entry, always is
@@ -108,13 +108,13 @@ def roll_out(
                 states = _mono(states)
         if _leads_nowhere(states, chunk):
             raise _unusable(ntm, "makes values that are not finite")
-        parts.append(_bounded(clamp_parameters(states), chunk))
+        parts.append(_bounded(clamped(states), chunk))
         step(stop / len(entries))
     return Histories(torch.cat(parts), max(errors), str(device))
 
 
 def _leads_nowhere(histories: Tensor, entries: Tensor) -> bool:
-    """Whether any of `histories` [P, T, D] is not finite though its entry [P, 7] is."""
+    """Whether any of `histories` [P, T, D] is not finite though its entry [P, C] is."""
     lost = ~histories.isfinite().flatten(1).all(1).to(CPU)
     return bool((lost & entries.isfinite().all(1)).any())
 
@@ -126,15 +126,15 @@ def _unusable(ntm: NeuralTemporalModel, what: str) -> ModelFileError:
 
 
 def _bounded(states: Tensor, entries: Tensor) -> Tensor:
-    """`states` [P, T, 7] whose Kd + Ks is at most 3, or three times that of their entry [P, 7] if
+    """`states` [P, T, C] whose Kd + Ks is at most 3, or three times that of their entry [P, C] if
     that reflected more than all light; Kd and Ks of brighter ones are scaled down.
 
     The paper's S1 triples a material; whatever exceeds that is a model that has lost its way.
     """
-    albedo = (states[..., :3] + states[..., 3:6]).amax(-1, keepdim=True)
-    given = (entries[:, :3] + entries[:, 3:6]).amax(-1).clamp_min(1)
+    albedo = (states[..., KD] + states[..., KS]).amax(-1, keepdim=True)
+    given = (entries[:, KD] + entries[:, KS]).amax(-1).clamp_min(1)
     share = (_BRIGHTEST * given[:, None, None] / albedo).clamp_max(1)
-    return torch.cat((states[..., :6] * share, states[..., 6:]), -1)
+    return with_reflectances(states, states[..., REFLECTANCES] * share)
 
 
 def _chunks(count: int) -> Iterator[tuple[int, int]]:
@@ -150,14 +150,10 @@ def _encode(
 ) -> Latents:
     if measured is None and samples is None:
         return representation.encode_parameters(entries)
-    angles = representation.sample_angles(
-        samples or _MEASURED_SAMPLES, measured=measured is not None
-    )
+    angles = representation.sample_angles(samples or PAPER_SAMPLES, measured=measured is not None)
     if measured is not None:
         return representation.encode(angles, measured.evaluate(angles)[None])
-    return representation.encode(
-        angles, evaluate(entries[:, :3], entries[:, 3:6], entries[:, 6], angles)
-    )
+    return representation.encode(angles, evaluate(*optics(entries), angles))
 
 
 def _decode_and_fit(
@@ -167,7 +163,7 @@ def _decode_and_fit(
     specular: Specular,
     fit: FitEffort | ParameterEstimator,
 ) -> tuple[Tensor, Tensor]:
-    """States [P, T, 7] of rolled-out latents [P, T, D], and the largest relative error [] of the
+    """States [P, T, C] of rolled-out latents [P, T, D], and the largest relative error [] of the
     fit, 0 where nothing was fitted.
     """
     rolled = latents.unflat(flat)
@@ -181,6 +177,7 @@ def _decode_and_fit(
 
 
 def _mono(states: Tensor) -> Tensor:
-    """States [..., 7] with one Ks for all channels."""
-    ks = states[..., 3:6].mean(-1, keepdim=True).expand_as(states[..., 3:6])
-    return torch.cat((states[..., :3], ks, states[..., 6:]), -1)
+    """States [..., C] with one Ks for all colors."""
+    kd, ks, _ = optics(states)
+    ks = ks.mean(-1, keepdim=True).expand_as(ks)
+    return with_reflectances(states, torch.cat((kd, ks), -1))

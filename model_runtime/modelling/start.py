@@ -80,7 +80,7 @@ def read_start(run: Run) -> Start:
         onset, rate = timing_maps(request, models.ntm, size)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
-        initial = initial.expand(size[0] * size[1], 7)
+        initial = initial.expand(size[0] * size[1], -1)
     own = PRINCIPLED if isinstance(material, PrincipledMaps) else TORRANCE_SPARROW
     return Start(
         models,

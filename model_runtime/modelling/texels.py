@@ -32,21 +32,19 @@ _UNIFORM_SIZE = 512
 def initial_states(
     material: Material, request: AgeRequest
 ) -> tuple[Tensor, tuple[int, int], float]:
-    """Parameters [n, 7] of every texel at t = 0, the size in texels, and the error of the fit."""
+    """States [n, C] of every texel at t = 0, the size in texels, and the error of the fit."""
     if isinstance(material, MeasuredBRDF):
         parameters, error = fit_measured(material, request.specular)
         return parameters, (1, 1), error
     maps = principled.forward(material) if isinstance(material, PrincipledMaps) else material
-    ks = maps.ks
     if request.specular == "mono" and isinstance(material, TorranceSparrowMaps):
-        ks = np.repeat(ks.mean(-1, keepdims=True), 3, -1)
-    flat = np.concatenate((maps.kd, ks, maps.alpha[..., None]), -1, dtype=np.float32)
-    return torch.from_numpy(flat.reshape(-1, 7)), maps.size, 0.0
+        maps = replace(maps, ks=np.repeat(maps.ks.mean(-1, keepdims=True), 3, -1))
+    return torch.from_numpy(maps.planes()).T, maps.size, 0.0
 
 
 @dataclass(frozen=True)
 class Texels:
-    """Initial states [n, 7], and when [n] and how fast [n] they age, row by row of the image."""
+    """Initial states [n, C], and when [n] and how fast [n] they age, row by row of the image."""
 
     initial: Tensor
     onset: Tensor | None
@@ -65,7 +63,7 @@ class Texels:
         """Those that are `covered` [H, W]."""
         rows = torch.from_numpy(np.flatnonzero(covered))
         return Texels(
-            self.initial[rows],
+            self.initial.T[:, rows].T,
             None if self.onset is None else self.onset[rows],
             None if self.rate is None else self.rate[rows],
         )

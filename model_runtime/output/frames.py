@@ -88,7 +88,7 @@ class FrameMaps:
     def representable(self, times: Sequence[float]) -> bool:
         """Whether "principled-exact" can hold every texel as it was given and at all of `times`."""
         return all(
-            principled.representable(_torrance_sparrow(states))
+            principled.representable(TorranceSparrowMaps.of(states))
             for band in self._bands
             for states in (
                 band.texels.initial,
@@ -142,7 +142,7 @@ class FrameMaps:
         return planes
 
     def _fill(self, planes: Tensor, band: _Band, states: Pixels) -> None:
-        """Put the maps of the first k texels of `band`, aged to `states` [7, k], into `planes`."""
+        """Put the maps of the first k texels of `band`, aged to `states` [C, k], into `planes`."""
         k = states.shape[1]
         order = band.order[:k]
         channels = iter(planes[:, band.place])
@@ -151,8 +151,8 @@ class FrameMaps:
                 next(channels).index_copy_(0, order, plane)
 
     def _converted(self, states: Pixels, authored: PrincipledMaps | None) -> tuple[Pixels, ...]:
-        """The maps of `states` [7, k] in the order of `FORMATS`: [k, 1, 3] or [k, 1] each."""
-        maps = _torrance_sparrow(states)
+        """The maps of `states` [C, k] in the order of `FORMATS`: [k, 1, 3] or [k, 1] each."""
+        maps = TorranceSparrowMaps.of(states)
         if self.format == TORRANCE_SPARROW:
             return maps.kd, maps.ks, maps.alpha
         if self.format == PRINCIPLED_EXACT:
@@ -234,7 +234,7 @@ def maps_of(
         if isinstance(material, PrincipledMaps):
             authored = material.map(lambda pixels: np.broadcast_to(pixels, size + pixels.shape[2:]))
         else:
-            first = _torrance_sparrow(aged.initial.numpy().T, size)
+            first = TorranceSparrowMaps.of(aged.initial.numpy().T, size)
             authored = principled.read_back(first, _neutral(size))
         maps = replace(maps, authored=authored)
     return maps
@@ -304,13 +304,6 @@ def file_names(format: Format, frames: int) -> list[str]:
         formats = (format, TORRANCE_SPARROW)
     maps = dict.fromkeys(name for each in formats for name in FORMATS[each])
     return [frame_file(name, k) for name in maps for k in range(frames)]
-
-
-def _torrance_sparrow(states: Pixels, size: tuple[int, int] | None = None) -> TorranceSparrowMaps:
-    """Views of states [7, n] as maps of `size`, by default one texel wide."""
-    height, width = size or (states.shape[1], 1)
-    kd, ks = (rows.T.reshape(height, width, 3) for rows in (states[:3], states[3:6]))
-    return TorranceSparrowMaps(kd, ks, states[6].reshape(height, width))
 
 
 def _ordered(pixels: Pixels, order: NDArray[np.intp]) -> Pixels:

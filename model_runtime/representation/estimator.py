@@ -8,9 +8,10 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from ..brdf.torrance_sparrow import ALPHA_MIN
+from ..channels import ALPHA_MIN
 from ..errors import ModelFileError
 from ..model_files.weights import ESTIMATOR, load_model
+from ..states import joined
 from .latents import Latents
 from .lobes import compress, expand, mlp
 
@@ -41,15 +42,15 @@ class ParameterEstimator(nn.Module):
         return self.to_albedos(torch.cat((color, others), 2)), log_alpha
 
     def parameters_of(self, latents: Latents) -> Tensor:
-        """States [N, 7] = (kd, ks, alpha), kd and ks >= 0 and alpha in [1e-4, 1]."""
+        """States [N, C], kd and ks >= 0 and alpha in [1e-4, 1]."""
         return as_states(*self(latents))
 
 
 def as_states(albedos: Tensor, log_alpha: Tensor) -> Tensor:
-    """The states [N, 7] that the output of a `ParameterEstimator` stands for."""
+    """The states [N, C] that the output of a `ParameterEstimator` stands for."""
     kd, ks = expand(albedos.clamp(0, _BRIGHTEST)).unbind(2)
     alpha = log_alpha.clamp(math.log(ALPHA_MIN), 0).exp()
-    return torch.cat((kd, ks, alpha[:, None]), 1)
+    return joined(kd, ks, alpha)
 
 
 def load_estimator(identity: str, path: Path = ESTIMATOR) -> ParameterEstimator:

@@ -8,7 +8,16 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-__all__ = ("Latents", "Representation", "inverse_log_transform", "log_transform")
+__all__ = (
+    "PAPER_SAMPLES",
+    "Latents",
+    "Representation",
+    "inverse_log_transform",
+    "log_transform",
+)
+
+PAPER_SAMPLES = 16_200
+"""Directions at which the paper samples a BRDF to encode it."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ class Representation(Protocol):
         ...
 
     def encode_parameters(self, states: Tensor) -> Latents:
-        """Latents of Torrance-Sparrow materials, `states` [N, 7] = (kd, ks, alpha)."""
+        """Latents of Torrance-Sparrow materials `states` [N, C]."""
         ...
 
     def decode(self, latents: Latents, angles: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from ..brdf.half_angle import above_horizon, cosines, network_input
+from ..channels import ALPHA, ALPHA_MIN, KD, KS
 from .latents import Latents
 
 __all__ = ("TRUSTED_COSINE", "LobeConfig", "LobeRepresentation", "compress", "expand", "mlp")
@@ -174,12 +175,12 @@ class LobeRepresentation(nn.Module):
         return similar.sum(2) <= 1
 
     def encode_parameters(self, states: Tensor) -> Latents:
-        """Latents of Torrance-Sparrow materials, `states` [N, 7] = (kd, ks, alpha), unsampled.
+        """Latents of Torrance-Sparrow materials `states` [N, C], unsampled.
 
         An MLP trained to give what `encode` gives for the same materials.
         """
-        kd, ks = compress(states[:, :3].clamp(0, 1e4)), compress(states[:, 3:6].clamp(0, 1e4))
-        alpha = states[:, 6:].clamp_min(1e-4).log().expand(-1, 3)
+        kd, ks = (compress(states[:, part].clamp(0, 1e4)) for part in (KD, KS))
+        alpha = states[:, ALPHA].clamp_min(ALPHA_MIN).log().expand(-1, 3)
         seen = torch.stack((kd * 0.4 - 1, ks * 0.4 - 1, alpha * 0.4 + 1), 2)
         features = nn.functional.silu(self.from_channel(seen))
         shared = self.from_pooled(torch.cat((features.mean(1), features.amax(1)), 1))

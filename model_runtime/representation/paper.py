@@ -11,6 +11,7 @@ from torch.nn import functional
 
 from ..brdf import torrance_sparrow
 from ..brdf.half_angle import above_horizon, network_input
+from ..channels import optics
 from .latents import Latents, inverse_log_transform, log_transform
 
 __all__ = ("JointRepresentation", "PaperConfig", "PaperRepresentation")
@@ -116,10 +117,9 @@ class PaperRepresentation(nn.Module):
         return Latents(color, mean)
 
     def encode_parameters(self, states: Tensor) -> Latents:
-        """Latents of Torrance-Sparrow materials, `states` [N, 7] = (kd, ks, alpha), sampled."""
+        """Latents of Torrance-Sparrow materials `states` [N, C], sampled."""
         angles = self.sample_angles(_PARAMETRIC_SAMPLES)
-        kd, ks, alpha = states[:, :3], states[:, 3:6], states[:, 6]
-        return self.encode(angles, torrance_sparrow.evaluate(kd, ks, alpha, angles))
+        return self.encode(angles, torrance_sparrow.evaluate(*optics(states), angles))
 
     def decode(self, latents: Latents, angles: Tensor) -> Tensor:
         """f [N, M, 3] at `angles` [M, 3]."""

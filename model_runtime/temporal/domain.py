@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ("FOREIGN_SHARE", "MOST_CENTRES", "Domain", "perceptual")
+from ..states import perceptual
+
+__all__ = ("FOREIGN_SHARE", "MOST_CENTRES", "Domain")
 
 FOREIGN_SHARE = 0.5
 """A material with a larger share of its texels outside a model's domain is foreign to it."""
@@ -24,18 +26,10 @@ _MOST_HELD_OUT = 1024
 _CHUNK = 1024
 
 
-def perceptual(parameters: Tensor) -> Tensor:
-    """[N, 7] (kd, ks, alpha) -> [N, 7] in which equal steps look about equally large.
-
-    Square roots: of albedos as displays encode them, of alpha as Blender's roughness is.
-    """
-    return parameters.clamp(0, 4).sqrt()
-
-
 @dataclass(frozen=True)
 class Domain:
-    """Initial states seen in training: `centres` [C, 7] (perceptual), at most 2,048, each with the
-    radius of the ball around it that counts as known, `radii` [C] > 0.
+    """Initial states seen in training: `centres` [K, C] (perceptual), at most 2,048, each with the
+    radius of the ball around it that counts as known, `radii` [K] > 0.
 
     Balls are wide where training saw few materials and narrow where it saw many, so that gaps
     between kinds of material (paints and metals, say) stay gaps.
@@ -46,7 +40,7 @@ class Domain:
 
     @classmethod
     def of(cls, initial: Tensor, *, seed: int = 0) -> Domain:
-        """From initial parameters [N, 7], N > 0: centres drawn by `seed`, their radii the distance
+        """From initial states [N, C], N > 0: centres drawn by `seed`, their radii the distance
         of the twelfth nearest centre, those of outliers cut, all times one factor.
 
         That factor, at least 1, is set by texels that are no centres. Each is taken for a material
@@ -68,17 +62,17 @@ class Domain:
         nearest = (away / domain.radii).scatter(1, own, torch.inf).amin(1)
         return cls(centres, domain.radii * nearest.quantile(_INSIDE).clamp_min(1))
 
-    def distance(self, parameters: Tensor) -> Tensor:
-        """How far parameters [N, 7] are from what was seen: [N], 0 at a centre, 1 at the border of
+    def distance(self, states: Tensor) -> Tensor:
+        """How far states [N, C] are from what was seen: [N], 0 at a centre, 1 at the border of
         the domain.
         """
         return torch.cat(
             [
                 (torch.cdist(some, self.centres) / self.radii).amin(1)
-                for some in perceptual(parameters).split(_CHUNK)
+                for some in perceptual(states).split(_CHUNK)
             ]
         )
 
-    def outside(self, parameters: Tensor) -> Tensor:
-        """Whether no ball holds them: boolean [N] of parameters [N, 7]."""
-        return self.distance(parameters) > 1
+    def outside(self, states: Tensor) -> Tensor:
+        """Whether no ball holds them: boolean [N] of states [N, C]."""
+        return self.distance(states) > 1

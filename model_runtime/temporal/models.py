@@ -1,6 +1,6 @@
 """Models of change, from the simplest up: each maps a state at age 0 to its whole history.
 
-A state is a vector [D]: the seven Torrance-Sparrow parameters (kd, ks, alpha), or latents. A
+A state is a vector [D]: the channels of a state (`channels`), or latents. A
 history is [T, D], its T ages evenly spaced from 0 to 1; its first entry is the state itself.
 """
 
@@ -10,6 +10,8 @@ from typing import Protocol
 
 import torch
 from torch import Tensor, nn
+
+from ..channels import WIDTH
 
 __all__ = ("Affine", "Constant", "LatentLSTM", "ParameterLSTM", "TemporalModel")
 
@@ -80,7 +82,7 @@ class ParameterLSTM(nn.Module):
 
     LIMIT = 8.0  # standard deviations beyond which no rollout may run away
 
-    def __init__(self, dimensions: int = 7, width: int = 64) -> None:
+    def __init__(self, dimensions: int = WIDTH, width: int = 64) -> None:
         super().__init__()
         self.cell = nn.LSTMCell(2 * dimensions, width)
         self.step = nn.Linear(width, dimensions)

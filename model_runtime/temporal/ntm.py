@@ -7,6 +7,7 @@ from pathlib import Path
 
 from torch import Tensor
 
+from ..channels import WIDTH
 from ..contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS, LSTM_PARAMETERS
 from ..errors import ModelFileError, shown
 from ..model_files.weights import ModelCard, load_model
@@ -57,12 +58,12 @@ class NeuralTemporalModel:
         }[name]
 
     def suited(self, initial: Tensor) -> tuple[str, float]:
-        """The name of the rung to use for states [n, 7], and the share of them that are unlike
+        """The name of the rung to use for states [n, C], and the share of them that are unlike
         everything it was trained on.
 
         Where most are, the LSTMs would extrapolate in silence; the affine rung cannot run away.
         """
-        sample = initial[:: max(1, len(initial) // _SAMPLE)]
+        sample = initial[:: max(1, len(initial) // _SAMPLE)].contiguous()
         share = float(self.domain.outside(sample).float().mean())
         foreign = share > FOREIGN_SHARE and self.chosen != CONSTANT
         return AFFINE if foreign else self.chosen, share
@@ -102,10 +103,10 @@ class NeuralTemporalModel:
             latents.load_state_dict(stored)
             if not (
                 card.frames > 1
-                and affine.gain.shape == affine.offset.shape == (card.frames, 7)
+                and affine.gain.shape == affine.offset.shape == (card.frames, WIDTH)
                 and bool(((affine.gain >= 0) & (affine.gain <= Affine.LARGEST_GAIN)).all())
                 and 0 < len(domain.centres) <= MOST_CENTRES
-                and domain.centres.shape[1:] == (7,)
+                and domain.centres.shape[1:] == (WIDTH,)
                 and domain.radii.shape == (len(domain.centres),)
                 and bool((domain.radii > 0).all())
                 and card.details["temporal_model"] in LADDER

@@ -28,7 +28,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from model_runtime.temporal.domain import perceptual
+from model_runtime.states import perceptual
 from model_runtime.temporal.models import Affine
 from model_runtime.temporal.pace import Timing
 

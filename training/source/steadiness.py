@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from model_runtime.temporal.domain import perceptual
+from model_runtime.states import perceptual
 
 from ..data.sequences import MixtureSequence, Sequence
 

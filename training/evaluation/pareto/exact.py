@@ -21,7 +21,7 @@ from model_runtime.live.evaluate import LiveMaps
 from model_runtime.live.files import read_live
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.model_files.weights import find_model
-from model_runtime.modelling.aged import EFFORTS, model_texels
+from model_runtime.modelling.aged import EFFORTS, Change, model_texels
 from model_runtime.modelling.palette import appearance_psnr
 from model_runtime.modelling.texels import initial_states, timing_maps
 from model_runtime.output.frames import maps_of
@@ -159,9 +159,7 @@ def exact_texels(
         start = time.process_time()
         aged = model_texels(
             initial[chosen],
-            ntm,
-            rung,
-            representation,
+            Change(ntm, rung, representation),
             EFFORTS["exact"],
             onset=None if onset is None else onset[chosen],
             rate=None if rate is None else rate[chosen],

@@ -15,7 +15,7 @@ from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.brdf.torrance_sparrow import evaluate
 from model_runtime.contract import AUTO, LSTM_LATENTS
 from model_runtime.model_files.weights import ESTIMATOR
-from model_runtime.modelling.aged import Effort, model_texels
+from model_runtime.modelling.aged import Change, Effort, model_texels
 from model_runtime.reading.inputs import hash_file
 from model_runtime.representation.estimator import ParameterEstimator, load_estimator
 from model_runtime.representation.latents import Representation
@@ -84,11 +84,8 @@ class Truth:
             clock = time.process_time()
             aged = model_texels(
                 start,
-                method.ntm,
-                used,
-                method.representation,
+                Change(method.ntm, used, method.representation, self._estimator),
                 effort,
-                estimator=self._estimator,
                 tolerance=45.0,
             )
             frames = list(range(1, stage.frames))

@@ -14,10 +14,11 @@ from numpy.polynomial import Chebyshev
 from scipy.spatial import KDTree
 from torch import Tensor, nn
 
-from model_runtime.brdf.torrance_sparrow import ALPHA_MIN
+from model_runtime.channels import ALPHA_MIN
 from model_runtime.errors import InputError
 from model_runtime.model_files.weights import save_model
-from model_runtime.modelling.palette import build_palette, clamp_parameters
+from model_runtime.modelling.palette import build_palette
+from model_runtime.states import clamped
 from model_runtime.temporal.models import Affine
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
@@ -156,7 +157,7 @@ def _scored_states(
     """Of states [t, H W, 7] in the scored frames, looked at in `pixels` (None: all)."""
     pixels = torch.arange(len(stage.texels)) if pixels is None else pixels
     shown = states[:, stage.texels[pixels]]
-    outcome = _scored(trial, stage, stage.sphere.render(clamp_parameters(shown), pixels), pixels)
+    outcome = _scored(trial, stage, stage.sphere.render(clamped(shown), pixels), pixels)
     if not bool(shown[:, _counted(trial, stage, pixels)].isfinite().all()):
         return Outcome(math.nan)
     target = trial.case.target

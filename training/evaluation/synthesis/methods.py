@@ -15,10 +15,11 @@ from model_runtime.contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS
 from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import ENCODER
 from model_runtime.modelling.compose import AgedTexels
-from model_runtime.modelling.palette import Palette, clamp_parameters
+from model_runtime.modelling.palette import Palette
 from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.latents import Latents
+from model_runtime.states import clamped
 from model_runtime.temporal.domain import FOREIGN_SHARE
 from model_runtime.temporal.models import LatentLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
@@ -72,7 +73,7 @@ class Transferred:
         """All of the target is transferred: STT looks at patches."""
         sequence = self.model.synthesize(stage.initial, stage.case.target.times)
         states = states_of(sequence).flatten(1, 2)[frames][:, stage.texels[pixels]]
-        return stage.sphere.render(clamp_parameters(states), pixels)
+        return stage.sphere.render(clamped(states), pixels)
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class Decoded:
         states = torch.cat([fit.parameters() for fit in fits]).unflatten(0, flat.shape[:2])
         start = stage.start[stage.texels[pixels]]
         anchored = states + gain * (start - states[:, 0])[:, None]
-        return clamp_parameters(anchored.transpose(0, 1))
+        return clamped(anchored.transpose(0, 1))
 
     def _rolled_out(self, first: Latents, frames: int) -> Tensor:
         """Latents [p, frames, D]."""
@@ -188,7 +189,7 @@ class Rung:
         start = stage.start[stage.texels[pixels]]
         seen = {frame: self._seen(stage, frame, pixels) for frame in dict.fromkeys((0, *frames))}
         states = [seen[f] + self.ntm.affine.gain[f] * (start - seen[0]) for f in frames]
-        return stage.sphere.render(clamp_parameters(torch.stack(states)), pixels)
+        return stage.sphere.render(clamped(torch.stack(states)), pixels)
 
     def states(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
         """[t, p, 7], clamped to what can be rendered."""

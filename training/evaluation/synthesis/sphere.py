@@ -19,7 +19,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from model_runtime.brdf.torrance_sparrow import ALPHA_MIN, specular_lobe
+from model_runtime.brdf.torrance_sparrow import specular_lobe
+from model_runtime.channels import ALPHA_MIN
 
 from ...metric.sphere import Sphere
 from ..bench.kept import identity, keep, read_kept

@@ -14,7 +14,7 @@ from torch import Tensor
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.maps import TorranceSparrowMaps
-from model_runtime.modelling.palette import clamp_parameters
+from model_runtime.states import clamped
 
 from ...data.location import data_folder
 from ...data.nbrdf import load
@@ -72,7 +72,7 @@ class Stage:
         target = self.case.target
         if isinstance(target, MixtureSequence):
             return torch.from_numpy(target.weights).flatten(1)[:, self.texels]
-        return clamp_parameters(states_of(target).flatten(1, 2)[:, self.texels])
+        return clamped(states_of(target).flatten(1, 2)[:, self.texels])
 
     @cached_property
     def truth(self) -> Tensor:

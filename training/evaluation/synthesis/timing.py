@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from model_runtime.modelling.compose import AgedTexels
-from model_runtime.modelling.palette import Palette, build_palette, clamp_parameters
+from model_runtime.modelling.palette import Palette, build_palette
+from model_runtime.states import clamped
 from model_runtime.temporal.models import Affine
 from model_runtime.temporal.onset import onset_map, rate_map
 
@@ -53,7 +54,7 @@ def spot_statistics(stage: Stage, rung: Rung, estimated: Rung | None = None) -> 
     shape = target.alpha.shape[1:]
     height, width = int(shape[0]), int(shape[1])
     frames = range(_EVERY, stage.frames, _EVERY)
-    truth = clamp_parameters(states_of(target)[list(frames)])
+    truth = clamped(states_of(target)[list(frames)])
     start = stage.start
     palette = build_palette(start, 0.05, most=256)
     size = (height, width)
@@ -78,7 +79,7 @@ def spot_statistics(stage: Stage, rung: Rung, estimated: Rung | None = None) -> 
 
 def _fading(source: Sequence, rung: Rung) -> Rung:
     """`rung` with an affine model of change that knows nothing of onsets."""
-    histories = clamp_parameters(states_of(source)).flatten(1, 2).transpose(0, 1)
+    histories = clamped(states_of(source)).flatten(1, 2).transpose(0, 1)
     seen = torch.from_numpy(~source.out_of_range()).flatten(1).T
     card = replace(rung.ntm.card, details={**rung.ntm.card.details, "timing": None})
     return replace(rung, ntm=replace(rung.ntm, card=card, affine=Affine.fit(histories, seen)))

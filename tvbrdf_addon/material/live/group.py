@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import bpy
+import numpy as np
 
+from ....model_runtime.channels import ROUGHNESS_MIN, optics
 from ....model_runtime.contract import (
     COEFFICIENTS_A_FILE,
     PRINCIPLED,
     PRINCIPLED_EXACT,
     TORRANCE_SPARROW,
 )
-from ....model_runtime.live.evaluate import ROUGHNESS_MIN, Curves
+from ....model_runtime.live.evaluate import Curves
 from ...known import image_texture
 from ..result import LiveFiles
 from .arrange import arrange
@@ -175,10 +177,11 @@ def _depth(curve: Array) -> float:
 
 
 def _ramps(canvas: Canvas, local: Number, curve: Array) -> _State:
-    """One row of curves [T, 7] at the local age: a ramp for Kd and roughness, one for Ks."""
-    kd, roughness = _ramp(canvas, local, curve[:, [0, 1, 2, 6]], "Kd, roughness as alpha")
-    ks, _ = _ramp(canvas, local, curve[:, [3, 4, 5, 5]], "Ks")
-    return _State(kd, ks, roughness)
+    """One row of curves [T, C] at the local age: a ramp for Kd and roughness, one for Ks."""
+    kd, ks, r = optics(curve)
+    shown_kd, roughness = _ramp(canvas, local, np.column_stack((kd, r)), "Kd, roughness as alpha")
+    shown_ks, _ = _ramp(canvas, local, np.column_stack((ks, ks[:, -1])), "Ks")
+    return _State(shown_kd, shown_ks, roughness)
 
 
 def _ramp(canvas: Canvas, local: Number, curve: Array, label: str) -> tuple[Triple, Number]:
