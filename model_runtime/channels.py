@@ -11,7 +11,7 @@ Imports no torch, so that Blender's side can use it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,32 +22,45 @@ if TYPE_CHECKING:
 __all__ = (
     "ALPHA",
     "ALPHA_MIN",
-    "BOUNDS",
+    "CHANNELS",
     "KD",
     "KS",
     "NAMES",
     "REFLECTANCES",
     "ROUGHNESS_MIN",
     "WIDTH",
+    "Channel",
     "clip_planes",
     "optics",
 )
 
-NAMES = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
-WIDTH = len(NAMES)
-
-KD, KS, ALPHA = slice(0, 3), slice(3, 6), slice(6, 7)
-REFLECTANCES = slice(0, 6)
-"""kd and ks together."""
-
 ALPHA_MIN = 1e-4
 ROUGHNESS_MIN = math.sqrt(ALPHA_MIN)
 
-BOUNDS: tuple[tuple[slice, float, float | None], ...] = (
-    (REFLECTANCES, 0.0, None),
-    (ALPHA, ALPHA_MIN, 1.0),
-)
-"""The least and the largest value that can be rendered, channels in their order."""
+
+class Channel(NamedTuple):
+    """Where a channel lies in a state, and the least and the largest value that can be rendered."""
+
+    place: slice
+    least: float
+    most: float | None
+
+
+CHANNELS = {
+    "kd": Channel(slice(0, 3), 0.0, None),
+    "ks": Channel(slice(3, 6), 0.0, None),
+    "alpha": Channel(slice(6, 7), ALPHA_MIN, 1.0),
+}
+"""In their order, without gaps."""
+
+KD, KS, ALPHA = (channel.place for channel in CHANNELS.values())
+REFLECTANCES = slice(KD.start, KS.stop)
+"""kd and ks together."""
+
+NAMES = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
+"""Of every number of a state."""
+
+WIDTH = len(NAMES)
 
 Array = TypeVar("Array", NDArray[np.float32], "Tensor")
 
@@ -58,8 +71,7 @@ def optics(states: Array) -> tuple[Array, Array, Array]:
 
 
 def clip_planes(planes: NDArray[np.float32], *, roughness: bool = False) -> None:
-    """Bring `planes` [C, ...] within `BOUNDS`, in place; with `roughness` they hold r."""
-    for channel, least, most in BOUNDS:
-        if roughness and channel == ALPHA:
-            least = ROUGHNESS_MIN
-        np.clip(planes[channel], least, most, out=planes[channel])
+    """Bring `planes` [C, ...] into range (`CHANNELS`), in place; with `roughness` they hold r."""
+    for place, least, most in CHANNELS.values():
+        least = ROUGHNESS_MIN if roughness and place == ALPHA else least
+        np.clip(planes[place], least, most, out=planes[place])

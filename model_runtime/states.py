@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from .channels import ALPHA, BOUNDS, REFLECTANCES
+from .channels import ALPHA, CHANNELS, REFLECTANCES
 
 __all__ = ("clamped", "joined", "perceptual", "with_reflectances", "with_roughness")
 
@@ -27,9 +27,9 @@ def with_roughness(states: Tensor) -> Tensor:
 
 
 def clamped(states: Tensor) -> Tensor:
-    """`states` [..., C] within `BOUNDS`, as they can be rendered."""
+    """`states` [..., C] as they can be rendered: every channel in its range (`CHANNELS`)."""
     return torch.cat(
-        [states[..., channel].clamp(least, most) for channel, least, most in BOUNDS], -1
+        [states[..., place].clamp(least, most) for place, least, most in CHANNELS.values()], -1
     )
 
 

@@ -7,7 +7,9 @@ from torch import Tensor
 from tqdm import tqdm
 
 from model_runtime.brdf import torrance_sparrow
+from model_runtime.channels import ALPHA_MIN, WIDTH, optics
 from model_runtime.representation.lobes import LobeRepresentation
+from model_runtime.states import joined
 
 from .data.analytic import random_torrance_sparrow
 from .loop import Schedule, adam, optimise
@@ -19,13 +21,14 @@ _SCHEDULE = Schedule(2e-3, warm_up=100)
 
 
 def random_states(n: int, g: torch.Generator) -> Tensor:
-    """[n, 7] = (kd, ks, alpha): half what textures hold, half anything, albedos up to 1.3 and alpha
+    """States [n, C]: half what textures hold, half anything, albedos up to 1.3 and alpha
     down to 1e-4.
     """
-    kd, ks, alpha = random_torrance_sparrow(n // 2, g)
-    u = torch.rand(n - n // 2, 7, generator=g)
-    anything = torch.cat((u[:, :6].square() * 1.3, 1e-4 ** u[:, 6:]), 1)
-    return torch.cat((torch.cat((kd, ks, alpha[:, None]), 1), anything))
+    textures = joined(*random_torrance_sparrow(n // 2, g))
+    u = torch.rand(n - n // 2, WIDTH, generator=g)
+    kd, ks, alpha = optics(u)
+    anything = joined(kd.square() * 1.3, ks.square() * 1.3, ALPHA_MIN**alpha)
+    return torch.cat((textures, anything))
 
 
 def distil(model: LobeRepresentation, *, seed: int, iterations: int) -> None:
@@ -36,9 +39,8 @@ def distil(model: LobeRepresentation, *, seed: int, iterations: int) -> None:
 
     def loss(_: int) -> Tensor:
         states = random_states(_BATCH, g)
-        kd, ks, alpha = states[:, :3], states[:, 3:6], states[:, 6]
         with torch.no_grad():
-            wanted = model.encode(angles, torrance_sparrow.evaluate(kd, ks, alpha, angles)).flat()
+            wanted = model.encode(angles, torrance_sparrow.evaluate(*optics(states), angles)).flat()
         return (model.encode_parameters(states).flat() - wanted).abs().mean()
 
     weights = (weight for layer in layers for weight in layer.parameters())

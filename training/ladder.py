@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.contract import LADDER, LSTM_LATENTS
+from model_runtime.modelling.compose import anchored
 from model_runtime.modelling.palette import viewed, viewed_psnr, viewing_angles
 from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation.latents import Latents, Representation
@@ -82,7 +83,7 @@ def _split(source: SourceHistories, train: Tensor, test: Tensor) -> Split:
 
 
 def widest_channel(source: SourceHistories) -> int:
-    """The parameter, 0 to 6, whose initial values differ most to the eye.
+    """The channel of a state, counted from 0, whose initial values differ most to the eye.
 
     Other materials will differ from the source along what its own texels differ in, and where that
     is widest a held-out range is farthest from what is left: the hardest extrapolation that the
@@ -123,11 +124,11 @@ def score(
 def _anchored(
     rung: str, ntm: NeuralTemporalModel, test: SourceHistories, representation: Representation
 ) -> Tensor:
-    """States [N, T, 7] that start from the true ones."""
-    initial = test.parameters[:, :1]
+    """States [N, T, C] that start from the true ones."""
+    initial = test.parameters[:, 0]
     with torch.no_grad():
-        states = roll_out(initial[:, 0], ntm, rung, representation).states
-    return states + ntm.affine.gain * (initial - states[:, :1])
+        states = roll_out(initial, ntm, rung, representation).states
+    return anchored(states, initial, ntm.affine.gain)
 
 
 def _unflat(flat: Tensor, representation: Representation) -> Latents:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model_runtime.channels import CHANNELS, optics
 from model_runtime.errors import InputError, reason, shown
 from model_runtime.images import read_image
 from model_runtime.maps import HALF_MAX
@@ -27,7 +28,6 @@ from model_runtime.model_files.card import MOST_AGES, strict_json
 from model_runtime.temporal.pace import Timing
 
 __all__ = (
-    "ALPHA_RANGE",
     "MOST_TEXELS",
     "Crop",
     "MixtureSequence",
@@ -38,9 +38,6 @@ __all__ = (
 
 Array = NDArray[np.float32]
 Crop = tuple[slice, slice]
-
-ALPHA_RANGE = (1e-4, 1.0)
-"""alpha outside it cannot be rendered; Kd and Ks must be at least 0 (docs/design.md)."""
 
 MOST_TEXELS = 1 << 28
 """Of a map in all frames: 36 of 2,730 x 2,730, which take 3 GB."""
@@ -79,18 +76,28 @@ class Sequence:
 
     def out_of_range(self) -> NDArray[np.bool_]:
         """Texels and frames that must be clamped to be rendered; fits leave them out: [T, H, W]."""
-        low, high = ALPHA_RANGE
-        dark = (self.kd < 0).any(-1) | (self.ks < 0).any(-1)
+        dark = (self.kd < CHANNELS["kd"].least).any(-1) | (self.ks < CHANNELS["ks"].least).any(-1)
+        _, low, high = CHANNELS["alpha"]
         return dark | (self.alpha < low) | (self.alpha > high)
 
     def clamped(self) -> Sequence:
-        """The sequence as it can be rendered: Kd, Ks >= 0 and alpha within `ALPHA_RANGE`."""
+        """The sequence as it can be rendered: every channel in its range (`CHANNELS`)."""
         return replace(
             self,
-            kd=np.maximum(self.kd, 0),
-            ks=np.maximum(self.ks, 0),
-            alpha=np.clip(self.alpha, *ALPHA_RANGE),
+            **{
+                name: np.clip(getattr(self, name), least, most)
+                for name, (_, least, most) in CHANNELS.items()
+            },
         )
+
+    def states(self) -> Array:
+        """[T, H, W, C], the channels in their order."""
+        return np.concatenate((self.kd, self.ks, self.alpha[..., None]), -1)
+
+    @classmethod
+    def of(cls, states: Array, times: Array, name: str) -> Sequence:
+        """Of `states` [T, H, W, C] at `times` [T]."""
+        return cls(*optics(states), times, None, name)
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from model_runtime.channels import ALPHA_MIN
 from model_runtime.errors import InputError
 from model_runtime.images import read_image
 from model_runtime.maps import TorranceSparrowMaps
 
-from .sequences import ALPHA_RANGE, Crop, Sequence, uniform_times
+from .sequences import Crop, Sequence, uniform_times
 
 __all__ = ("S1_DELTA", "from_pbr", "offset", "s1", "s2")
 
@@ -98,7 +99,7 @@ def _sequence(kd: np.ndarray, ks: np.ndarray, alpha: np.ndarray, name: str) -> S
 
 def _clamped(maps: TorranceSparrowMaps) -> TorranceSparrowMaps:
     kd, ks = np.maximum(maps.kd, 0), np.maximum(maps.ks, 0)
-    return TorranceSparrowMaps(kd, ks, np.clip(maps.alpha, *ALPHA_RANGE))
+    return TorranceSparrowMaps(kd, ks, np.clip(maps.alpha, ALPHA_MIN, 1))
 
 
 def _only(folder: Path, pattern: str) -> Path:

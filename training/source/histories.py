@@ -11,6 +11,7 @@ from torch import Tensor
 
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.channels import optics
 from model_runtime.errors import InputError, shown
 from model_runtime.representation.latents import Representation
 from model_runtime.temporal.pace import Timing
@@ -86,19 +87,17 @@ def source_histories(
         weights = _sampled(sequence.weights.reshape(frames, -1, 1), seed)
         return _mixture_histories(sequence, weights, representation)
     broken = sequence.out_of_range()
-    clamped = sequence.clamped()
-    flat = np.concatenate(
-        (clamped.kd, clamped.ks, clamped.alpha[..., None], broken[..., None]), -1, dtype=np.float32
-    ).reshape(frames, -1, 8)
+    marked = np.concatenate((sequence.clamped().states(), broken[..., None]), -1, dtype=np.float32)
+    flat = marked.reshape(frames, -1, marked.shape[-1])
     onset = None if sequence.onset is None else sequence.onset.reshape(1, -1, 1)
     states = _sampled(flat, seed)
     starts = np.zeros(states.shape[1]) if onset is None else _sampled(onset, seed)[0, :, 0]
     histories, observed = align(torch.from_numpy(states), sequence.times, starts)
-    parameters, observed = histories[..., :7].contiguous(), observed & (histories[..., 7] == 0)
+    parameters, observed = histories[..., :-1].contiguous(), observed & (histories[..., -1] == 0)
     angles = representation.sample_angles(_SAMPLES)
 
     def values(states: Tensor) -> Tensor:
-        return torrance_sparrow.evaluate(states[:, :3], states[:, 3:6], states[:, 6], angles)
+        return torrance_sparrow.evaluate(*optics(states), angles)
 
     latents = _encode(parameters, values, representation, angles)
     return SourceHistories(

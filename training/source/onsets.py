@@ -78,9 +78,7 @@ def estimate_onset(sequence: Sequence, *, seed: int = 0) -> NDArray[np.float32] 
     frames, height, width = sequence.alpha.shape
     if frames < _FEWEST_FRAMES or height * width < 2:
         return None
-    clamped = sequence.clamped()
-    maps = (clamped.kd, clamped.ks, clamped.alpha[..., None])
-    states = perceptual(torch.from_numpy(np.concatenate(maps, -1)).flatten(0, 2))
+    states = perceptual(torch.from_numpy(sequence.clamped().states()).flatten(0, 2))
     texels = _Texels(
         states.unflatten(0, (frames, height * width)),
         torch.from_numpy(~sequence.out_of_range()).flatten(1),
@@ -132,7 +130,7 @@ class _Texels:
         """What is shared, counted from `onset` [N]."""
         both = torch.cat((self.states, self.seen[..., None].float()), -1)
         histories, observed = align(both, self.times, onset.numpy())
-        return Affine.fit(histories[..., :7], observed & (histories[..., 7] == 1))
+        return Affine.fit(histories[..., :-1], observed & (histories[..., -1] == 1))
 
     def best_onset(self, history: Affine) -> Tensor:
         """The onset [N] of every texel with the smallest error."""

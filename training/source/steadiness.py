@@ -136,9 +136,8 @@ def widest_gap(times: NDArray[np.float32]) -> float:
 
 
 def _shown(sequence: Sequence) -> Tensor:
-    """Perceptual states [T, n, 7] of at most 1,024 texels, evenly spaced in row order."""
-    clamped = sequence.clamped()
-    maps = (clamped.kd, clamped.ks, clamped.alpha[..., None])
-    states = np.concatenate(maps, -1).reshape(len(clamped.times), -1, 7)
+    """Perceptual states [T, n, C] of at most 1,024 texels, evenly spaced in row order."""
+    states = sequence.clamped().states()
+    states = states.reshape(len(states), -1, states.shape[-1])
     states = states[:, :: max(1, states.shape[1] // _TEXELS)]
     return perceptual(torch.from_numpy(states).flatten(0, 1)).unflatten(0, states.shape[:2])

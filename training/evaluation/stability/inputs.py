@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from model_runtime.channels import ALPHA_MIN
 from model_runtime.maps import TorranceSparrowMaps
 
-from ...data.sequences import ALPHA_RANGE
 from ...data.synthetic import from_pbr
 from .trials import Stress, Trial, World
 
@@ -36,7 +36,7 @@ def _noise(world: World, percent: float) -> Trial:
         return np.maximum(maps * off, 0)
 
     damaged = start.map(noisy)
-    return Trial(world.case(), given=replace(damaged, alpha=np.clip(damaged.alpha, *ALPHA_RANGE)))
+    return Trial(world.case(), given=replace(damaged, alpha=np.clip(damaged.alpha, ALPHA_MIN, 1)))
 
 
 def _bits(world: World, bits: float) -> Trial:
@@ -90,7 +90,7 @@ def _broken(world: World, value: float) -> Trial:
     there = np.zeros((world.size, world.size), bool)
     there[world.size // 2, world.size // 2] = True
     broken = _with(world.start, there, value)
-    alpha = np.where(there, np.float32(ALPHA_RANGE[int(value > 1)]), world.start.alpha)
+    alpha = np.where(there, np.float32(1 if value > 1 else ALPHA_MIN), world.start.alpha)
     return Trial(world.case(), given=replace(broken, alpha=alpha), unscored=there)
 
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from model_runtime.channels import ALPHA_MIN
 from model_runtime.maps import TorranceSparrowMaps
 
-from ...data.sequences import ALPHA_RANGE, uniform_times
+from ...data.sequences import uniform_times
 from ...data.synthetic import S1_DELTA, offset, s1, s2
 from ..synthesis.cases import Case
 from .trials import FRAMES, Stress, Trial, World, grown
@@ -45,7 +46,7 @@ def _alpha(world: World, median: float) -> Trial:
     """The target's alpha scaled to a median."""
     start = world.start
     alpha = start.alpha * np.float32(median / np.median(start.alpha))
-    return _beginning(world, replace(start, alpha=np.clip(alpha, *ALPHA_RANGE)))
+    return _beginning(world, replace(start, alpha=np.clip(alpha, ALPHA_MIN, 1)))
 
 
 def _specular(world: World, mean: float) -> Trial:

@@ -98,9 +98,8 @@ def make_cases(data: Path, names: tuple[str, ...], *, size: int) -> Iterator[Cas
 
 
 def states_of(sequence: Sequence) -> Tensor:
-    """[T, H, W, 7] (kd, ks, alpha)."""
-    stacked = np.concatenate((sequence.kd, sequence.ks, sequence.alpha[..., None]), -1)
-    return torch.from_numpy(stacked)
+    """[T, H, W, C]."""
+    return torch.from_numpy(sequence.states())
 
 
 def _patches(size: int) -> tuple[Crop, Crop]:

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.channels import optics
 from model_runtime.maps import TorranceSparrowMaps
 from model_runtime.states import clamped
 
@@ -89,7 +90,7 @@ class Stage:
         if isinstance(target, MixtureSequence):
             pure = _ends(target).evaluate(torch.arange(2), angles)
             return torch.lerp(pure[:1], pure[1:], shown[:, None, None])
-        return torrance_sparrow.evaluate(shown[:, :3], shown[:, 3:6], shown[:, 6], angles)
+        return torrance_sparrow.evaluate(*optics(shown), angles)
 
     def score(self, radiance: Tensor, frames: list[int], pixels: Tensor) -> list[float]:
         """PSNR in dB of `radiance` [t, E, p, 3] in each frame, averaged over the maps."""
@@ -110,8 +111,7 @@ def as_parameters(sequence: Sequence | MixtureSequence) -> Sequence:
     share = torch.linspace(0, 1, _MIXTURES)[:, None, None]
     fits = fit_torrance_sparrow(torch.lerp(pure[:1], pure[1:], share)).parameters().numpy()
     states = fits[np.rint(sequence.weights * (_MIXTURES - 1)).astype(np.int64)]
-    kd, ks, alpha = states[..., :3], states[..., 3:6], states[..., 6]
-    return Sequence(kd, ks, alpha, sequence.times, None, sequence.name)
+    return Sequence.of(states, sequence.times, sequence.name)
 
 
 def thinned(
