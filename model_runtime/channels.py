@@ -43,12 +43,12 @@ class Channel(NamedTuple):
 
     place: slice
     least: float
-    most: float | None
+    most: float
 
 
 CHANNELS = {
-    "kd": Channel(slice(0, 3), 0.0, None),
-    "ks": Channel(slice(3, 6), 0.0, None),
+    "kd": Channel(slice(0, 3), 0.0, math.inf),
+    "ks": Channel(slice(3, 6), 0.0, math.inf),
     "alpha": Channel(slice(6, 7), ALPHA_MIN, 1.0),
 }
 """In their order, without gaps."""

@@ -16,7 +16,6 @@ from model_runtime.modelling.palette import (
     build_palette,
     stored_frames,
 )
-from model_runtime.states import clamped
 
 
 def texels(n: int, seed: int = 0) -> torch.Tensor:
@@ -103,16 +102,6 @@ class TestAppearance:
     def test_any_leading_shape(self):
         states = texels(24)
         assert appearance_psnr(states.reshape(2, 3, 4, 7), states.reshape(2, 3, 4, 7)) > 99
-
-
-def test_clamping():
-    wild = torch.tensor([[-1.0, 0.5, 2, -0.1, 0, 3, 0], [0, 0, 0, 0, 0, 0, 7.0]])
-    least = float(np.float32(1e-4))
-    assert clamped(wild).tolist() == [
-        [0, 0.5, 2, 0, 0, 3, least],
-        [0, 0, 0, 0, 0, 0, 1],
-    ]
-    assert clamped(texels(6).reshape(2, 3, 7)).shape == (2, 3, 7)
 
 
 def rebuilt(stored: Stored, sample: np.ndarray) -> np.ndarray:
