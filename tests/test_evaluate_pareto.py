@@ -79,6 +79,7 @@ def points(report, output: Path) -> dict[str, dict[str, Any]]:
     return {point["name"]: point for point in stored["points"]}
 
 
+@pytest.mark.slow
 class TestReport:
     def test_every_setting_and_rival_has_its_point(self, points):
         assert set(points) == {*MEASURED, "exact", "latents exact", "stt", "staf", "paper"}

@@ -230,6 +230,7 @@ def test_of_a_hundred_usual_materials_nothing_is_said(tmp_path):
     assert len(said) <= 2, said
 
 
+@pytest.mark.slow
 def test_of_scanned_materials_nothing_is_said(tmp_path, data_folder):
     for folder in sorted((data_folder / "pbr").iterdir()):
         if not folder.is_dir():
