@@ -68,6 +68,7 @@ def account_of(
         "onset": request.onset,
         "tolerance": request.tolerance,
         "hashes": start.hashes,
+        **start.grown,
     }
 
 

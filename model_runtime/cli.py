@@ -20,6 +20,7 @@ from .contract import (
     CPU,
     DEVICES,
     EVERYWHERE,
+    EXPOSURES,
     IDLE_MINUTES,
     IDLE_OPTION,
     LIVE,
@@ -108,6 +109,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     age.add_argument(
         "--seed", type=int, metavar="N", help=f"seed of the onset pattern ({usual.seed})"
+    )
+    age.add_argument("--surface", metavar="DIR", help="folder of position.exr and normal.exr, ...")
+    age.add_argument(
+        "--exposure", metavar="NAME=WEIGHT,...", help=f"what it seeks: {', '.join(EXPOSURES)}"
+    )
+    age.add_argument("--pattern-size", type=float, metavar="METERS", help="of its patches")
+    age.add_argument(
+        "--amount",
+        type=float,
+        metavar="SHARE",
+        help=f"of the surface that changes ({usual.amount:g})",
     )
     age.add_argument("--device", metavar=DEVICES, help=f"what computes ({usual.device})")
     for name, choices in CHOICES.items():

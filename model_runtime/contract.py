@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 __all__ = (
     "AFFINE",
@@ -27,12 +27,14 @@ __all__ = (
     "EARLIER",
     "EVERYWHERE",
     "EXACT",
+    "EXPOSURES",
     "FORMATS",
     "FRAMES",
     "IDLE_MINUTES",
     "IDLE_OPTION",
     "LADDER",
     "LIVE",
+    "LONGEST_PATTERN",
     "LSTM_LATENTS",
     "LSTM_PARAMETERS",
     "MOST_DB",
@@ -44,6 +46,7 @@ __all__ = (
     "REPORT",
     "RUNGS",
     "SERVE",
+    "SHORTEST_PATTERN",
     "SPECULARS",
     "STAGES",
     "TIMING",
@@ -55,7 +58,9 @@ __all__ = (
     "Specular",
     "Stage",
     "Told",
+    "check_exposure",
     "coefficients_file",
+    "exposure_weights",
     "frame_file",
     "is_device",
     "is_result_file",
@@ -169,6 +174,10 @@ class AgeRequest:
     sparse: bool = False
     seed: int = 0
     device: str = AUTO
+    surface: Path | None = None
+    exposure: str | None = None
+    pattern_size: float | None = None
+    amount: float = 1.0
 
 
 CHOICES: Mapping[str, tuple[str, ...]] = {
@@ -189,6 +198,44 @@ RANGES: Mapping[str, tuple[int, int]] = {
 
 MOST_DB = 1000
 """What its tolerance may be at most; it is more than 0."""
+
+SHORTEST_PATTERN, LONGEST_PATTERN = 1e-6, 1e6
+"""What its pattern size may be, in meters."""
+
+
+EXPOSURES: Mapping[str, Told] = {
+    "edges": Told("Edges", "What sticks out"),
+    "crevices": Told("Crevices", "What is sheltered from all sides"),
+    "sky": Told("Sky", "What the sky sees"),
+    "ground": Told("Ground", "What is low"),
+    "runs": Told("Runs", "What water brings down from where it starts"),
+    "wear": Told("Wear", "What is weathered already"),
+    "pattern": Told("Pattern", "How much chance has a say, 0 to 1"),
+}
+"""Where on an object a process starts; weights from -1, avoided, to 1, sought."""
+
+
+def check_exposure(weights: Mapping[str, Any]) -> None:
+    """Raises ValueError, saying what is wrong, for what is no weight of an exposure."""
+    for name, weight in weights.items():
+        if name not in EXPOSURES:
+            raise ValueError(f"{name} is none of {', '.join(EXPOSURES)}")
+        least = 0 if name == "pattern" else -1
+        if type(weight) not in (int, float) or not least <= weight <= 1:
+            raise ValueError(f"the weight of {name} is not a number from {least} to 1")
+
+
+def exposure_weights(text: str) -> dict[str, float]:
+    """The weights of a request's exposure, `NAME=WEIGHT,...`; ValueError for anything else."""
+    weights: dict[str, float] = {}
+    for part in filter(None, text.split(",")):
+        name, _, number = part.strip().partition("=")
+        try:
+            weights[name] = float(number)
+        except ValueError:
+            raise ValueError(f"{part.strip()} is not like edges=0.5") from None
+    check_exposure(weights)
+    return weights
 
 
 CPU: Final = "cpu"

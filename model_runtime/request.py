@@ -9,7 +9,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .contract import AUTO, CHOICES, DEVICES, MOST_DB, RANGES, AgeRequest, is_device, option
+from .contract import (
+    AUTO,
+    CHOICES,
+    DEVICES,
+    EXPOSURES,
+    LONGEST_PATTERN,
+    MOST_DB,
+    RANGES,
+    SHORTEST_PATTERN,
+    AgeRequest,
+    exposure_weights,
+    is_device,
+    option,
+)
 from .errors import ModelFileError, TvbrdfError, UsageError, reason, shown
 from .memory import check_limits, memory_in_words
 from .model_files import weights
@@ -59,7 +72,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     for name in ("input", "ntm", "output"):
         if not isinstance(given.get(name), str) or not given[name]:
             raise UsageError(f"The setting {name} is missing.", "Give it as text.")
-    for name in ("onset", "device", *CHOICES):
+    for name in ("onset", "device", "surface", "exposure", *CHOICES):
         if name in given and not isinstance(given[name], str):
             raise UsageError(f"The setting {name} must be text, not {shown(given[name])}.")
     for name, choices in CHOICES.items():
@@ -86,8 +99,33 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
                 "Quality exact leaves nothing out.",
             )
         given["tolerance"] = float(value)
+    _check_growth(given)
     given["input"], given["output"] = Path(given["input"]), Path(given["output"])
+    if "surface" in given:
+        given["surface"] = Path(given["surface"])
     return AgeRequest(**given)
+
+
+def _check_growth(given: dict[str, Any]) -> None:
+    """The fields that say how ageing grows over a surface: UsageError, or floats."""
+    for name, least, most, what in (
+        ("pattern_size", SHORTEST_PATTERN, LONGEST_PATTERN, "meters"),
+        ("amount", 0, 1, "the surface"),
+    ):
+        if name in given:
+            value = given[name]
+            if type(value) not in (int, float) or not least <= value <= most:
+                raise UsageError(
+                    f"{option(name)} must be a number of {what} from {least:g} to {most:g}."
+                )
+            given[name] = float(value)
+    try:
+        exposure_weights(given.get("exposure", ""))
+    except ValueError as error:
+        raise UsageError(
+            f"{option('exposure')} cannot be read: {shown(error)}.",
+            f"Write it like edges=0.5,ground=-1 with any of {', '.join(EXPOSURES)}.",
+        ) from error
 
 
 def cards(

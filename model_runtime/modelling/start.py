@@ -12,19 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..brdf.measured import MeasuredBRDF
-from ..contract import FRAMES, PRINCIPLED, TORRANCE_SPARROW, Format
+from ..contract import AUTO, FRAMES, PRINCIPLED, TORRANCE_SPARROW, Format
 from ..errors import InputError
-from ..maps import PrincipledMaps
+from ..maps import Pixels, PrincipledMaps
 from ..model_files.weights import ENCODER, ESTIMATOR, find_model
 from ..reading.inputs import Material, hash_file, hash_input, input_files, read_covered, read_input
 from ..representation import load_representation
 from ..representation.estimator import ParameterEstimator, load_estimator
 from ..representation.latents import Representation
 from ..run import Run
+from ..surface.maps import read_surface, surface_files
 from ..temporal.ntm import NeuralTemporalModel
-from .texels import Texels, initial_states, timing_maps
+from .texels import Texels, grown_timing, initial_states, timing_maps
 
 __all__ = ("Models", "Start", "read_start")
+
+_NO_SURFACE = (
+    "Exposure, pattern size and amount say how ageing grows over a surface, and count for nothing "
+    "without one or where an onset is given."
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,7 @@ class Start:
     may_be_live: whether a live material may stand for all frames
     fit_error: of a measured material; 0 where nothing was fitted
     hashes: of the files that were read, as `aged.json` has them
+    grown: what `aged.json` says of the surface that the ageing grew on; nothing where there is none
     """
 
     models: Models
@@ -58,6 +65,7 @@ class Start:
     may_be_live: bool
     fit_error: float
     hashes: dict[str, Any]
+    grown: dict[str, Any]
 
     @property
     def counted(self) -> Texels:
@@ -77,7 +85,7 @@ def read_start(run: Run) -> Start:
             covered = read_covered(request.input, maps_size)
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
-        onset, rate = timing_maps(request, models.ntm, size)
+        onset, rate, grown = _timing(run, models.ntm, size, hashes)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], -1)
@@ -92,7 +100,28 @@ def read_start(run: Run) -> Start:
         may_be_live=request.binding != FRAMES and size != (1, 1),
         fit_error=fit_error,
         hashes=hashes,
+        grown=grown,
     )
+
+
+def _timing(
+    run: Run, ntm: NeuralTemporalModel, size: tuple[int, int], hashes: dict[str, Any]
+) -> tuple[Pixels | None, Pixels | None, dict[str, Any]]:
+    """When and how fast texels age, [H, W] each, and what `aged.json` says of their surface."""
+    request = run.request
+    folder = request.surface or request.input
+    grows = request.onset == AUTO and not ntm.changes_at_once
+    files = surface_files(folder) if grows and (request.surface or folder.is_dir()) else {}
+    if not files and not (request.surface and grows):
+        if request.exposure or request.pattern_size or request.amount < 1:
+            run.warn(_NO_SURFACE)
+        return *timing_maps(request, ntm, size), {}
+    with _unchanged(*files.values()):
+        atlas = read_surface(folder)
+        hashes["surface"] = {file.name: hash_file(file) for file in files.values()}
+    found = grown_timing(request, ntm, size, atlas)
+    account = {"seam_ratio": found.seam_ratio, "surface": found.account}
+    return found.onset, found.rate, account
 
 
 def _read_models(run: Run) -> tuple[Models, dict[str, Any]]:

@@ -13,18 +13,21 @@ from torch import Tensor
 
 from ..brdf import principled
 from ..brdf.measured import MeasuredBRDF
-from ..contract import AUTO, EVERYWHERE, AgeRequest
-from ..errors import InputError, shown
+from ..contract import AUTO, EVERYWHERE, AgeRequest, exposure_weights
+from ..errors import InputError, ModelFileError, shown
 from ..images import read_image, resize
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 from ..reading.coverage import nearest_covered
 from ..reading.inputs import Material
+from ..surface.atlas import Atlas
+from ..surface.exposure import Exposure
+from ..surface.timing import SurfaceTiming, surface_timing
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
 from .compose import AgedTexels
 from .rollout import fit_measured
 
-__all__ = ("Texels", "authored_texels", "initial_states", "timing_maps")
+__all__ = ("Texels", "authored_texels", "grown_timing", "initial_states", "timing_maps")
 
 _UNIFORM_SIZE = 512
 
@@ -98,8 +101,7 @@ def timing_maps(
     source that changed everywhere at once.
     """
     timing, process, seed = ntm.timing, ntm.card.process, request.seed
-    at_once = timing is not None and timing.at_once
-    if request.onset == EVERYWHERE or (request.onset == AUTO and at_once):
+    if request.onset == EVERYWHERE or (request.onset == AUTO and ntm.changes_at_once):
         return None, None
     if request.onset == AUTO:
         side = request.size or _UNIFORM_SIZE
@@ -118,3 +120,34 @@ def timing_maps(
         height, width = (max(1, round(length * scale)) for length in onset.shape)
         size = (height, width)
     return resize(onset, size), None
+
+
+def grown_timing(
+    request: AgeRequest, ntm: NeuralTemporalModel, size: tuple[int, int], atlas: Atlas
+) -> SurfaceTiming:
+    """The same by growth over the surface that `atlas` shows, at its own shape where the material
+    is uniform.
+
+    Raises ModelFileError where the model's card has no proper exposure.
+    """
+    if size == (1, 1):
+        scale = (request.size or _UNIFORM_SIZE) / max(atlas.size)
+        size = max(1, round(atlas.size[0] * scale)), max(1, round(atlas.size[1] * scale))
+    card = ntm.card
+    try:
+        exposure = Exposure.of(card.process, card.details.get("exposure"))
+    except (AttributeError, ValueError) as error:
+        raise ModelFileError(
+            f"{shown(card.path.name)} does not say where it starts: {shown(error)}.",
+            "Copy or download it again.",
+        ) from error
+    return surface_timing(
+        atlas,
+        card.process,
+        size,
+        seed=request.seed,
+        exposure=exposure.changed(exposure_weights(request.exposure or "")),
+        timing=ntm.timing,
+        pattern_size=request.pattern_size,
+        amount=request.amount,
+    )

@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..contract import check_exposure
 from .atlas import Atlas
 from .graph import Graph
 from .points import Points
@@ -49,16 +50,8 @@ class Exposure:
         return default if card is None else default.changed(card)
 
     def changed(self, weights: Mapping[str, Any]) -> Self:
-        """With other `weights`. Raises ValueError for what is no weight."""
-        names = [each.name for each in fields(self)]
-        for name, weight in weights.items():
-            if name not in names:
-                raise ValueError(f"{name} is none of {', '.join(names)}")
-            if isinstance(weight, bool) or not isinstance(weight, (int, float)):
-                raise ValueError(f"the weight of {name} is not a number")
-            low = 0 if name == "pattern" else -1
-            if not low <= weight <= 1:
-                raise ValueError(f"the weight of {name} is not between {low} and 1")
+        """With other `weights`.  Raises ValueError for what is no weight."""
+        check_exposure(weights)
         return replace(self, **{name: float(weight) for name, weight in weights.items()})
 
     def json(self) -> dict[str, float]:

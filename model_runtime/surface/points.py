@@ -21,6 +21,8 @@ _CELLS_A_POINT = 1.5  # cells of a grid that a surface passes through, for each 
 _STEPS = 2.0  # cell sizes to a doubling: those of a map and of its smaller copy are the same one
 _MOST_CELLS = 1 << 20  # along an axis
 _MOST_IN_A_CELL = 48  # that are looked at: what is heaped upon one place says nothing new
+_TEXELS_A_CELL = 1.5
+_NEARLY_ALL = 0.9
 _PIECES = 2.0  # of a texel along a cell's side, at least
 _MOST_PIECES = 16
 # No common face of a mesh lies where two directions are equally near after this turn.
@@ -72,8 +74,10 @@ def sample(atlas: Atlas, count: int = POINTS) -> Points:
     Two sides of a sheet, however thin, are faced in two directions.
     """
     total = atlas.area.sum(dtype=np.float64)
-    size = max(np.sqrt(_CELLS_A_POINT * total / count), 2 * atlas.extent / _MOST_CELLS, 1e-9)
-    size = float(2.0 ** (round(np.log2(size) * _STEPS) / _STEPS))
+    wanted = round(np.log2(max(np.sqrt(_CELLS_A_POINT * total / count), 1e-9)) * _STEPS)
+    # Islands lie up to two texels apart, as texels whose centers miss a face are not covered.
+    least = max(_TEXELS_A_CELL * _usual_side(atlas), 2 * atlas.extent / _MOST_CELLS, 1e-9)
+    size = float(2.0 ** (max(wanted, np.ceil(np.log2(least) * _STEPS)) / _STEPS))
     texel, position, area = _pieces(atlas, size)
     normal = atlas.normal.reshape(-1, 3)
     facing = np.full(atlas.covered.size, -1, np.int8)
@@ -96,6 +100,14 @@ def sample(atlas: Atlas, count: int = POINTS) -> Points:
     return Points(
         key, mean(position), faced, weight.astype(np.float32), size, pieces, of_texel, facing
     )
+
+
+def _usual_side(atlas: Atlas) -> float:
+    """Meters: what the longer side of the texels of nearly all of the surface does not exceed."""
+    side = np.maximum(*(np.linalg.norm(slope[atlas.covered], axis=-1) for slope in atlas.slopes))
+    order = np.argsort(side)
+    share = np.cumsum(atlas.area[atlas.covered][order], dtype=np.float64)
+    return float(np.interp(_NEARLY_ALL * share[-1], share, side[order]))
 
 
 def _pieces(atlas: Atlas, size: float) -> tuple[Index, Array, NDArray[np.float64]]:

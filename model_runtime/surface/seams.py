@@ -48,11 +48,11 @@ class Seen:
         places = atlas.places(covered, range(height))
         return cls(atlas, covered, places, pixels[np.ix_(rows, columns)])
 
-    def share_up_to(self, levels: NDArray[np.float64]) -> list[float]:
-        """The share of the surface whose values do not exceed each of these rising levels."""
+    def share_below(self, levels: NDArray[np.float64]) -> list[float]:
+        """The share of the surface whose values are below each of these rising levels."""
         area = self.atlas.area.reshape(-1).take(self.places.baked).astype(np.float64)
         values = self.values.reshape(-1).take(self.places.texel)
-        below = np.searchsorted(levels, values)
+        below = np.searchsorted(levels, values, "right")
         shares = np.cumsum(np.bincount(below, area, len(levels) + 1)[:-1]) / area.sum()
         return [round(share, 4) for share in shares.tolist()]
 

@@ -95,7 +95,8 @@ def surface_timing(
     points = sample(atlas)
     graph = join(points)
     known = features(atlas, points, graph)
-    unit = usual_unit(float(points.area.sum(dtype=np.float64)))
+    total = float(points.area.sum(dtype=np.float64))
+    unit = usual_unit(total)
     growth = growth_of(process, timing)
     if pattern_size is not None:
         growth = growth_of(process, None)
@@ -146,10 +147,10 @@ def surface_timing(
     account = {
         "maps": ["position", "normal", *sorted(atlas.features)],
         "points": len(points),
-        "area": float(points.area.sum(dtype=np.float64)),
-        "pattern_size": unit * growth.scale,
+        "area": round(total, 9),
+        "pattern_size": round(unit * growth.scale, 9),
         "exposure": exposure.json(),
-        "started": dict(zip(map(str, _CURVE.tolist()), seen.share_up_to(_CURVE), strict=True)),
+        "started": dict(zip(map(str, _CURVE.tolist()), seen.share_below(_CURVE), strict=True)),
     }
     return SurfaceTiming(onset, rate, seen.seam_ratio(), account)
 

@@ -44,6 +44,11 @@ class NeuralTemporalModel:
         return _timing(self.card)
 
     @property
+    def changes_at_once(self) -> bool:
+        """Whether all texels of the source are known to have changed at one time."""
+        return self.timing is not None and self.timing.at_once
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What training could not be sure of, in sentences."""
         return _warnings(self.card)

@@ -1,0 +1,105 @@
+"""`age` grows over a surface that it is shown."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model_runtime.cli import main
+from model_runtime.images import read_vectors, write_exr
+from tests.meshes import atlas_of, box
+from tests.test_surface_maps import write_vectors
+
+SIZE = 96
+BLOCK = atlas_of(box((0, 0, 0.5), (1, 1, 1)), SIZE)
+
+
+@pytest.fixture
+def steel(tmp_path: Path) -> Path:
+    folder = tmp_path / "steel"
+    folder.mkdir()
+    write_exr(folder / "BaseColor.exr", np.full((SIZE, SIZE, 3), 0.5, np.float32))
+    write_exr(folder / "Metallic.exr", np.ones((1, 1), np.float32))
+    return folder
+
+
+@pytest.fixture
+def surface(tmp_path: Path) -> Path:
+    folder = tmp_path / "surface"
+    folder.mkdir()
+    write_vectors(folder / "position.exr", BLOCK.position, BLOCK.covered)
+    write_vectors(folder / "normal.exr", BLOCK.normal)
+    return folder
+
+
+def aged(source: Path, output: Path, *options: str, code: int = 0) -> dict:
+    usual = ["--ntm", "rust", "--binding", "live", "--frames", "2", "--output", str(output)]
+    assert main(["age", "--input", str(source), *usual, *options]) == code
+    return json.loads((output / "aged.json").read_text()) if code == 0 else {}
+
+
+def onset(output: Path) -> np.ndarray:
+    return read_vectors(output / "timing.exr", most=SIZE)[..., 0]
+
+
+def test_growth_follows_the_surface_and_says_so(steel, surface, tmp_path):
+    told = aged(steel, tmp_path / "out", "--surface", str(surface))
+    assert told["seam_ratio"] <= 1.3
+    assert told["surface"]["maps"] == ["position", "normal"]
+    assert told["surface"]["area"] == pytest.approx(6, rel=0.05)
+    assert {"position.exr", "normal.exr"} == set(told["hashes"]["surface"])
+    assert f"--surface {surface}" in told["command"]
+
+
+def test_what_an_artist_asks_for_is_done(steel, surface, tmp_path):
+    options = ["--exposure", "ground=1,edges=0,crevices=0,sky=0,runs=0,pattern=0.2"]
+    options += ["--amount", "0.5", "--pattern-size", "0.1"]
+    told = aged(steel, tmp_path / "out", "--surface", str(surface), *options)
+    assert told["surface"]["exposure"]["ground"] == 1
+    assert told["surface"]["pattern_size"] == 0.1
+    assert told["surface"]["started"]["1.0"] == pytest.approx(0.5, abs=0.03)
+    height, when = BLOCK.position[..., 2], onset(tmp_path / "out")
+    assert when[BLOCK.covered & (height < 0.2)].mean() < 0.6
+    assert when[BLOCK.covered & (height > 0.9)].mean() > 0.9
+
+
+def test_a_texture_folder_that_holds_the_maps_has_a_surface(steel, surface, tmp_path):
+    for file in surface.iterdir():
+        file.rename(steel / f"steel_{file.stem.replace('normal', 'normal_world')}.exr")
+    assert "surface" in aged(steel, tmp_path / "out")
+
+
+def test_without_a_surface_all_is_as_it_was_and_what_counts_for_nothing_is_said(steel, tmp_path):
+    told = aged(steel, tmp_path / "out", "--amount", "0.5")
+    assert "surface" not in told and "seam_ratio" not in told
+    assert any("count for nothing" in warning for warning in told["warnings"])
+    assert aged(steel, tmp_path / "other")["warnings"] == []
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--exposure", "edges"),
+        ("--exposure", "edges=2"),
+        ("--exposure", "pattern=-0.5"),
+        ("--exposure", "rain=1"),
+        ("--exposure", "edges=nan"),
+        ("--pattern-size", "0"),
+        ("--pattern-size", "inf"),
+        ("--amount", "1.5"),
+        ("--amount", "nan"),
+    ],
+)
+def test_what_is_out_of_range_is_refused(steel, tmp_path, options, capsys):
+    aged(steel, tmp_path / "out", *options, code=2)
+    assert options[0] in capsys.readouterr().err
+
+
+def test_a_surface_that_is_none_is_refused(steel, tmp_path, capsys):
+    aged(steel, tmp_path / "out", "--surface", str(tmp_path / "nowhere"), code=1)
+    assert "cannot be read" in capsys.readouterr().err
+    aged(steel, tmp_path / "out", "--surface", str(tmp_path), code=1)
+    assert "holds no position.exr" in capsys.readouterr().err
