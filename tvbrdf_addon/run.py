@@ -20,6 +20,7 @@ from ..model_runtime.errors import Cancelled
 from ..model_runtime.output.commit import recover
 from . import outlook, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
+from .growth import grows, growth
 from .material.nodes.age import frame_range
 from .material.nodes.revert import is_aged, revert
 from .material.reading.check import why_not as why_not_readable
@@ -31,6 +32,7 @@ from .worker import run as ask
 
 if TYPE_CHECKING:
     from .material.reading.read import Reading
+    from .material.surface_maps.collect import UVMap
 
 __all__ = ("Plan", "Run", "plan", "take_preview_back", "why_not")
 
@@ -182,6 +184,7 @@ class Run:
         self.ended_by = ""
         self._worker = worker
         self._computing_since: float | None = None
+        self._uv_map: UVMap | None = None
         self._steps = self._all_steps()
 
     def step(self) -> bool:
@@ -252,6 +255,7 @@ class Run:
         if scene is None or (obj is None and self.plan.object_uid is not None):
             raise RunEndedError("The object that shows the material was deleted.")
         material, frame = self._material(), self.plan.frame_start
+        request = dict(self.plan.request)
         maps = folder / "maps"
         maps.mkdir()
         reading = read(
@@ -261,10 +265,16 @@ class Run:
             folder=maps,
             size=self.plan.size,
             frame=frame,
+            timed=grows(request) and request["binding"] == LIVE,
         )
         self.warnings.extend(reading.warnings)
         self.size_reason = reading.textures.why
-        request = self.plan.request | {"input": str(maps)}
+        request["input"] = str(maps)
+        if grows(request):
+            grown = growth(request, material, scene, reading, frame)
+            self.warnings.extend(grown.notes)
+            self._uv_map = grown.uv_map
+            request |= grown.fields
         if is_invertible(material):
             onset = write_onset(
                 material=material, scene=scene, reading=reading, folder=folder, frame=frame
@@ -295,6 +305,7 @@ class Run:
             folder=place,
             frame_start=self.plan.frame_start,
             frame_end=self.plan.frame_end,
+            uv_map=self._uv_map,
         )
         material.tvbrdf.is_preview = self.previewing = True
 
@@ -343,6 +354,7 @@ class Run:
                 folder=self.plan.folder,
                 frame_start=self.plan.frame_start,
                 frame_end=self.plan.frame_end,
+                uv_map=self._uv_map,
             )
         )
         if self.aged.get("binding") != LIVE:

@@ -2,109 +2,29 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
-import mathutils
 import numpy as np
-import OpenEXR
 import pytest
 
 from tests.blender.material_cases import new_material, plane
 from tests.blender.object_cases import modified, with_nodes
+from tests.blender.surface_truth import (
+    SIZE,
+    cube,
+    errors,
+    everything,
+    maps_of,
+    monkey,
+    read_map,
+    surface_points,
+    texels,
+    tiled,
+    unwrap,
+    without_uvs,
+    written,
+)
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
-SIZE = 128
-
-
-def written(material: bpy.types.Material, folder: Path, *, uv_map="", used=((0, 0),), size=SIZE):
-    from tvbrdf.tvbrdf_addon.material.reading.tiles import Tiles
-    from tvbrdf.tvbrdf_addon.material.surface_maps.maps import write_surface
-
-    scene = bpy.context.scene
-    return write_surface(
-        material, scene, 1, uv_map=uv_map, tiles=Tiles(used), kept=folder / "kept", size=size
-    )
-
-
-def read_map(folder: Path, name: str) -> np.ndarray:
-    channels = OpenEXR.File(str(folder / f"{name}.exr")).channels()
-    pixels = next(iter(channels.values())).pixels
-    assert pixels.dtype == np.float32
-    return pixels
-
-
-def maps_of(material: bpy.types.Material, folder: Path, **settings) -> dict[str, np.ndarray]:
-    maps = written(material, folder, **settings)
-    assert maps.folder is not None, maps.notes
-    names = ("position", "normal", "ao", "edge", "sky")
-    return {name: read_map(maps.folder, name) for name in names}
-
-
-def cube(material: bpy.types.Material, **settings) -> bpy.types.Object:
-    """A cube of 2 x 2 x 2, unwrapped to a cross."""
-    bpy.ops.mesh.primitive_cube_add(**settings)
-    bpy.context.object.data.materials.append(material)
-    return bpy.context.object
-
-
-def unwrap(*objects: bpy.types.Object) -> None:
-    """Smart UV Project of all together."""
-    bpy.ops.object.select_all(action="DESELECT")
-    for obj in objects:
-        obj.select_set(True)
-    bpy.context.view_layer.objects.active = objects[0]
-    bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.uv.smart_project(island_margin=0.02)
-    bpy.ops.object.mode_set(mode="OBJECT")
-
-
-def surface_points(
-    obj: bpy.types.Object, count: int = 2000, uv_map: str = ""
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Random places on an object as the view shows it, their UVs, and their faces' normals."""
-    seen = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    mesh = seen.to_mesh()
-    mesh.calc_loop_triangles()
-    layer = mesh.uv_layers[uv_map] if uv_map else mesh.uv_layers.active
-    rng = np.random.default_rng(0)
-    triangles = list(mesh.loop_triangles)
-    areas = np.array([each.area for each in triangles])
-    places, uvs, normals = [], [], []
-    turn = seen.matrix_world.to_3x3().inverted().transposed()
-    for index in rng.choice(len(triangles), count, p=areas / areas.sum()):
-        each, weights = triangles[index], rng.dirichlet((1, 1, 1))
-        corners = [seen.matrix_world @ mesh.vertices[i].co for i in each.vertices]
-        places.append(
-            sum((c * w for c, w in zip(corners, weights, strict=True)), mathutils.Vector((0, 0, 0)))
-        )
-        uvs.append(
-            sum(
-                (layer.data[i].uv * w for i, w in zip(each.loops, weights, strict=True)),
-                mathutils.Vector((0, 0)),
-            )
-        )
-        normals.append((turn @ each.normal).normalized())
-    seen.to_mesh_clear()
-    return np.array(places), np.array(uvs), np.array(normals)
-
-
-def texels(pixels: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """What a map shows at UVs [N, 2]."""
-    height, width = pixels.shape[:2]
-    column = (uv[:, 0] * width).astype(int).clip(0, width - 1)
-    return pixels[((1 - uv[:, 1]) * height).astype(int).clip(0, height - 1), column]
-
-
-def errors(maps: dict[str, np.ndarray], obj: bpy.types.Object, **settings) -> np.ndarray:
-    """How far the position map is from the places themselves, in the world's units."""
-    places, uv, _ = surface_points(obj, **settings)
-    found = texels(maps["position"], uv)
-    assert (found[:, 3] == 1).all(), "each place of the surface has a texel"
-    return np.linalg.norm(found[:, :3] - places, axis=1)
-
-
 # Where things are
 
 
@@ -128,13 +48,6 @@ def block(material) -> bpy.types.Object:
     obj = cube(material, scale=(1, 1, 2), rotation=(0.3, 0.2, 0.1), location=(5, -3, 1))
     unwrap(obj)
     return obj
-
-
-def monkey(material) -> bpy.types.Object:
-    bpy.ops.mesh.primitive_monkey_add()
-    bpy.context.object.data.materials.append(material)
-    unwrap(bpy.context.object)
-    return bpy.context.object
 
 
 @pytest.mark.parametrize("make", [block, monkey])
@@ -410,153 +323,7 @@ def test_islands_of_a_few_texels_keep_theirs(tmp_path):
     assert there.max() > 0.5, "baked, or taken from what lies near"
 
 
-# A UV map of its own
-
-
-def uvs_of(obj: bpy.types.Object, maps) -> None:
-    """Gives an object's mesh the map that was made for it, as binding does."""
-    mesh = obj.data
-    layer = mesh.uv_layers.new(name=maps.own.name, do_init=False)
-    layer.data.foreach_set("uv", maps.own.places[mesh.session_uid].ravel())
-
-
-def two_walls_of_the_same_uvs(material) -> list[bpy.types.Object]:
-    return [cube(material), cube(material, location=(5, 0, 0))]
-
-
-def mirrored_halves(material) -> list[bpy.types.Object]:
-    obj = cube(material)
-    for layer in obj.data.uv_layers:
-        for face in obj.data.polygons:
-            if face.normal.x < -0.5:
-                other = next(each for each in obj.data.polygons if each.normal.x > 0.5)
-                for a, b in zip(face.loop_indices, other.loop_indices, strict=True):
-                    layer.data[a].uv = layer.data[b].uv
-    return [obj]
-
-
-def tiled(material) -> list[bpy.types.Object]:
-    obj = plane(material)
-    for corner in obj.data.uv_layers[0].data:
-        corner.uv *= 5
-    return [obj]
-
-
-def without_uvs(material) -> list[bpy.types.Object]:
-    obj = cube(material)
-    obj.data.uv_layers.remove(obj.data.uv_layers[0])
-    return [obj]
-
-
-def on_one_point(material) -> list[bpy.types.Object]:
-    obj = cube(material)
-    for corner in obj.data.uv_layers[0].data:
-        corner.uv = (0.0, 0.0)
-    return [obj]
-
-
-@pytest.mark.parametrize(
-    ("make", "why"),
-    [
-        (two_walls_of_the_same_uvs, "lie on one another in its UV map"),
-        (mirrored_halves, "lie on one another in its UV map"),
-        (tiled, "repeats its textures"),
-        (without_uvs, "has no UV map with an area"),
-        (on_one_point, "has no UV map with an area"),
-    ],
-)
-def test_where_texels_are_shared_places_have_a_uv_map_of_their_own(tmp_path, make, why):
-    material = new_material()
-    objects = make(material)
-    before = [[each.name for each in obj.data.uv_layers] for obj in objects]
-    maps = written(material, tmp_path, size=256)
-    assert maps.own is not None
-    assert maps.own.name == "Age"
-    assert why in maps.notes[0]
-    assert "a UV map of its own, “Age”" in maps.notes[0]
-    assert [[each.name for each in obj.data.uv_layers] for obj in objects] == before
-    found = {"position": read_map(maps.folder, "position")}
-    for obj in objects:
-        uvs_of(obj, maps)
-    for obj in objects:
-        assert np.quantile(errors(found, obj, uv_map="Age"), 0.95) < 0.1
-
-
-def test_a_material_that_is_not_laid_out_by_uvs(tmp_path):
-    material = new_material()
-    cube(material)
-    maps = written(material, tmp_path, uv_map=None)
-    assert maps.own is not None
-    assert "is not laid out by a UV map" in maps.notes[0]
-
-
-def test_linked_duplicates_share_the_map_made_for_their_mesh(tmp_path):
-    material = new_material()
-    first = tiled(material)[0]
-    duplicate = first.copy()
-    duplicate.location.x = 3
-    bpy.context.scene.collection.objects.link(duplicate)
-    maps = written(material, tmp_path)
-    assert len(maps.own.places) == 1
-    assert "1 linked duplicate or instances of “Plane”" in maps.notes[1]
-
-
-def test_modifiers_keep_the_map_made_and_those_that_do_not_are_told(tmp_path):
-    material = new_material()
-    obj = tiled(material)[0]
-    modified(obj, "SUBSURF", subdivision_type="SIMPLE", levels=2, render_levels=2)
-    maps = written(material, tmp_path)
-    found = {"position": read_map(maps.folder, "position")}
-    uvs_of(obj, maps)
-    bpy.context.view_layer.update()
-    assert np.quantile(errors(found, obj, uv_map="Age"), 0.95) < 0.05
-    modified(obj, "REMESH")
-    maps = written(material, tmp_path)
-    assert maps.folder is None
-    assert "The modifiers of “Plane” leave no UV map" in maps.notes[-1]
-
-
-def test_a_name_that_is_taken_is_not_used(tmp_path):
-    material = new_material()
-    obj = tiled(material)[0]
-    obj.data.uv_layers.new(name="Age")
-    assert written(material, tmp_path).own.name == "Age 2"
-
-
-def test_a_mesh_without_room_for_another_map_is_left_alone(tmp_path):
-    material = new_material()
-    obj = tiled(material)[0]
-    while len(obj.data.uv_layers) < 8:
-        obj.data.uv_layers.new()
-    maps = written(material, tmp_path)
-    assert maps.folder is None
-    assert "has as many UV maps as it can have" in maps.notes[0]
-
-
-def test_text_has_a_way_out(tmp_path):
-    material = new_material()
-    bpy.ops.object.text_add()
-    bpy.context.object.data.materials.append(material)
-    maps = written(material, tmp_path)
-    assert maps.folder is None
-    assert "“Text” is no mesh" in maps.notes[0]
-    assert "Object > Convert > Mesh" in maps.notes[0]
-
-
 # Nothing is changed, and what was made is used again
-
-
-def everything() -> dict[str, object]:
-    """What a person or a script could see of the file's data."""
-    kinds = ("objects", "meshes", "materials", "scenes", "images", "node_groups", "collections")
-    seen: dict[str, object] = {
-        kind: [each.name for each in getattr(bpy.data, kind)] for kind in kinds
-    }
-    for mesh in bpy.data.meshes:
-        seen[mesh.name] = [each.name for each in mesh.attributes]
-        seen[f"{mesh.name} places"] = [tuple(vertex.co) for vertex in mesh.vertices]
-        seen[f"{mesh.name} UVs"] = [tuple(c.uv) for layer in mesh.uv_layers for c in layer.data]
-    return seen
 
 
 @pytest.mark.parametrize("make", [tiled, without_uvs, lambda material: [monkey(material)]])

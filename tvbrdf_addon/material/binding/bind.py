@@ -15,6 +15,7 @@ from ..nodes.revert import revert
 from ..reading.check import why_no_surface
 from ..reading.read import Reading
 from ..result import AgedMaps, LiveFiles, read_result
+from ..surface_maps.collect import UVMap
 from .edit import Edit
 from .live import Aged, aged_by_shader
 
@@ -39,9 +40,11 @@ def bind(
     folder: Path,
     frame_start: int,
     frame_end: int,
+    uv_map: UVMap | None = None,
 ) -> tuple[str, ...]:
     """Shows the result in `folder` (`aged.json` and its files) on `material`, over the frames.
 
+    `uv_map` is one to be added to the meshes, by which the timing of a live result is looked up.
     An earlier ageing is taken away first.  Nodes are only added and sockets relinked; the material
     keeps a record from which `revert` restores it.  Returns warnings, a sentence each.  Raises
     `MaterialError`; one about the result leaves the material untouched, one about its nodes leaves
@@ -61,6 +64,7 @@ def bind(
         format=result.format,
         span=(frame_start, frame_end),
         times=() if live else result.times,
+        uv_map=uv_map if live and result.timing is not None else None,
     )
 
 
@@ -77,6 +81,7 @@ def _show(
     format: str,
     span: tuple[int, int] = (0, 1),
     times: Sequence[float] = (),
+    uv_map: UVMap | None = None,
 ) -> tuple[str, ...]:
     revert(material)
     reason = why_no_surface(material)
@@ -84,6 +89,8 @@ def _show(
         raise MaterialError(reason)
     edit = Edit(material, reading, span, times)
     try:
+        if uv_map is not None:
+            edit.give_uv_map(uv_map)
         warnings = _FORMATS[format](edit, aged(edit))
     except Exception:
         edit.finish()

@@ -20,9 +20,11 @@ from ..nodes.ownership import TAG
 from ..nodes.record import Link, Record, SocketBefore, store, tagged
 from ..nodes.surface import find_principled
 from ..nodes.trace import input_socket, is_animated
+from ..nodes.uv_maps import give_uv_map
 from ..reading.pixels import read_exr_texel, set_as_data
 from ..reading.read import Reading
 from ..result import AgedMap
+from ..surface_maps.collect import UVMap
 
 __all__ = ("Edit",)
 
@@ -75,6 +77,16 @@ class Edit:
     def input(self, identifier: str) -> bpy.types.NodeSocket:
         """An input of the material's Principled BSDF."""
         return self.place.input(identifier)
+
+    @property
+    def timing_map(self) -> str | None:
+        """The UV map by which timing is looked up, where the textures' own lookup is not."""
+        return self._record.uv_map
+
+    def give_uv_map(self, uv_map: UVMap) -> None:
+        """Adds the UV map that timing is looked up by to the meshes that show the material."""
+        give_uv_map(uv_map.name, uv_map.places)
+        self._record = replace(self._record, uv_map=uv_map.name)
 
     @property
     def age(self) -> str:

@@ -21,6 +21,7 @@ from ..reading.pixels import Array, read_exr, resampled, write_exr
 from ..reading.read import read
 from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
 from .bind import bind_stills
+from .freeze import freeze
 from .live import read_curves
 
 __all__ = ("freeze_live",)
@@ -32,11 +33,18 @@ def freeze_live(
     """Leaves `material`, which `obj` shows, as it looks on the scene's frame; Revert still restores
     the original.  Returns warnings, a sentence each.
 
-    The stills are new files in a folder of their own beside the result's.  Raises `MaterialError`,
+    The stills are new files in a folder of their own beside the result's; where its timing has a
+    UV map of its own there are none, and Age holds still.  Raises `MaterialError`,
     with the material as it is, where it cannot be read or its result is gone.
     """
     require_local(material)
     settings, record = material.tvbrdf, load(material, material.name)
+    if record.uv_map is not None:
+        freeze(material, scene.frame_current)
+        return (
+            f"“{material.name}” keeps its nodes, with Age as it is: its places age apart from its "
+            "textures, so that one set of these cannot show them.",
+        )
     folder = result_folder(material)
     if folder is None:
         raise MaterialError(f"“{material.name}” has no result.", "Age the material again.")

@@ -36,6 +36,7 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
         read_curves(maps.curves),
         age=edit.age,
         vector=vector is not None,
+        timing_map=edit.timing_map,
         load=edit.show_file,
     )
     for identifier in AUTHORED:

@@ -17,7 +17,7 @@ from ....model_runtime.contract import (
     TORRANCE_SPARROW,
 )
 from ....model_runtime.live.evaluate import Curves
-from ...known import image_texture
+from ...known import image_texture, known
 from ..result import LiveFiles
 from .arrange import arrange
 from .formula import Canvas, Number, Numeric, Triple, dot, greater, where, where3
@@ -69,26 +69,38 @@ def aged_group(
     *,
     age: str,
     vector: bool,
+    timing_map: str | None,
     load: Callable[[bpy.types.ShaderNodeTexImage, Path], None],
 ) -> bpy.types.NodeTree:
     """A group called `name` that ages by `maps` and their `curves`.
 
     `age` is the custom property by which an object may have an age of its own. With `vector` an
-    input says where the textures are looked up, else the UV map does. `load` lets a texture show a
-    file.
+    input says where the textures are looked up, else the UV map does; `timing_map` names another UV
+    map, by which the timing is. `load` lets a texture show a file.
     """
     inputs = (*AUTHORED, "Age", *(("Vector",) if vector else ()))
     group = new_group(name, inputs, tuple(OUTPUTS[maps.format].values()))
     _add_dead_end(group)
     canvas = Canvas(group)
 
+    def shown(path: Path, label: str, *at: Triple) -> bpy.types.ShaderNodeTexImage:
+        node = image_texture(canvas.add("ShaderNodeTexImage", *at, label=label))
+        load(node, path)
+        return node
+
     def texture(path: Path, label: str) -> Triple:
         at = (canvas.triple("Vector"),) if vector else ()
-        node = canvas.add("ShaderNodeTexImage", *at, label=label)
-        load(image_texture(node), path)
-        return Triple(canvas, node.outputs["Color"])
+        return Triple(canvas, known(shown(path, label, *at).outputs)["Color"])
 
-    local = _local_age(canvas, age, maps.timing, texture)
+    def timing(path: Path, label: str) -> Triple:
+        if timing_map is None:
+            return texture(path, label)
+        place = canvas.add("ShaderNodeUVMap", uv_map=timing_map, label=timing_map)
+        node = shown(path, label, Triple(canvas, place.outputs["UV"]))
+        node.projection, node.extension, node.interpolation = "FLAT", "EXTEND", "Linear"
+        return Triple(canvas, known(node.outputs)["Color"])
+
+    local = _local_age(canvas, age, maps.timing, timing)
     start = _forward(canvas)
     state = _changed(canvas, start, local, curves, maps.coefficients, texture)
     result = _GIVE[maps.format](canvas, start, state, local)

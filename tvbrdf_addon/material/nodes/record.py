@@ -88,7 +88,8 @@ class Record:
     `links` are all links in their order, which Blender keeps and a restored link would lose.
     `distribution` is the Principled's own, where it was changed.  `frames` is the number of files
     of each sequence.  `age` is the custom property that moves what is shown (None: nothing, or a
-    node of 0.1), and `owner` the animation of the material before it had that.
+    node of 0.1), and `owner` the animation of the material before it had that.  `uv_map` was
+    added to the meshes that show the material, for its timing.
     """
 
     principled: str
@@ -99,6 +100,7 @@ class Record:
     distribution: str | None = None
     age: str | None = None
     owner: AnimationBefore | None = None
+    uv_map: str | None = None
 
     def with_socket(self, before: SocketBefore) -> Record:
         return replace(self, sockets=(*self.sockets, before))

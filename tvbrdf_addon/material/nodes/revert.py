@@ -22,6 +22,7 @@ from .record import (
     require_local,
     tagged,
 )
+from .uv_maps import take_uv_map
 
 __all__ = ("is_aged", "revert")
 
@@ -49,6 +50,8 @@ def revert(material: bpy.types.Material, *, owner: bpy.types.Material | None = N
     record.animation.restore(tree)
     forget_names(tree)
     material.tvbrdf.property_unset("original")
+    if record.uv_map:
+        take_uv_map(record.uv_map)
     if record.age and record.owner:
         take_age(material, record.age, record.owner)
     tree.update_tag()

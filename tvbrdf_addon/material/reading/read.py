@@ -68,6 +68,8 @@ class Reading:
     `uv_map` names the UV map that the maps were baked to (None: they are not in UV space), and
     `sampling` says how textures made from them are looked up.  `warnings` are sentences, and `lost`
     those on what is lost where maps stand in for the material.
+    `laid_out_by` is the UV map that textures made of the maps are looked up by (empty: that which
+    each object renders with), None where it is not by one alone.
     """
 
     size: tuple[int, int]
@@ -78,6 +80,7 @@ class Reading:
     sampling: Sampling = field(default_factory=Sampling)
     tiles: Tiles = field(default_factory=Tiles)
     lost: tuple[str, ...] = ()
+    laid_out_by: str | None = ""
 
 
 def read(
@@ -88,6 +91,7 @@ def read(
     folder: Path,
     size: int | None,
     frame: int | None = None,
+    timed: bool = False,
 ) -> Reading:
     """Writes `BaseColor.exr`, `Metallic.exr`, ... (float, linear; 1 x 1 where constant).
 
@@ -95,7 +99,8 @@ def read(
     theirs; None makes all as large as the cameras see, and no image larger.  Of images with UDIM
     tiles each tile has that size; the maps show all that are needed, side by side.  What is
     animated is read at `frame`, by default the first of the material's range.  A material that is
-    already aged is read as it was before.  Where texels are known that no face covers,
+    already aged is read as it was before.  `timed` says that its timing
+    has a place of its own, which needs no UV map.  Where texels are known that no face covers,
     `Coverage.exr` has 0 there and more elsewhere.  Raises `MaterialError`.
     """
     frames = frame_range(material, scene)
@@ -139,7 +144,7 @@ def read(
             textures = TextureSize(size, "")
         users = [known(obj)] if space.kind == "uv" else showing(material, scene)
         tiles = tiles_of(place.principled, space, material, users, frame)
-        textured = uniform and material.tvbrdf.onset != EVERYWHERE
+        textured = uniform and material.tvbrdf.onset != EVERYWHERE and not timed
         looks = []
         if space.reads_uv or textured:
             if space.kind == "texture":
@@ -147,7 +152,8 @@ def read(
             seen = distinct([known(obj), *users])[:_LOOKED_AT]
             looks = [stack.enter_context(evaluated(each, frame)) for each in seen]
             require_uv_map(looks[0], needed=not uniform)
-            warnings += unwrapped_badly(looks, material, space)
+            if not timed:
+                warnings += unwrapped_badly(looks, material, space)
         whole = _whole(space, direct, max(textures.pixels, FULL) if size is None else size)
         wanted = whole if size is not None else _shrunk(whole, textures.pixels)
         shape = _shrunk(wanted, _LARGEST // max(tiles.rows, tiles.columns))
@@ -190,8 +196,17 @@ def read(
     for name, pixels in maps.items():
         write_exr(folder / f"{name}.exr", _bounded(name, pixels))
     size_of_maps = (1, 1) if uniform else tiles.whole(shape)
+    laid_out_by = looked_up_by(space) if space.kind == "texture" else uv_map or ""
     return Reading(
-        size_of_maps, textures, uniform, uv_map, tuple(warnings), sampling, tiles, of_maps
+        size_of_maps,
+        textures,
+        uniform,
+        uv_map,
+        tuple(warnings),
+        sampling,
+        tiles,
+        of_maps,
+        laid_out_by,
     )
 
 

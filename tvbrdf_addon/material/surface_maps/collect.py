@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...known import known
 from ..nodes.animation import channels
+from ..nodes.uv_maps import owned_uv_map
 from ..reading.evaluated import alike, mesh_of, stage, stand_in
 from ..reading.onset import is_shown
 from ..reading.unwrap import active_uv_map, slots_with
@@ -130,9 +131,10 @@ def collect(
             return own + [matrix for obj in objects for matrix in places[obj][1]]
 
         parts, around, triangles = [], [], 0
+        ours = owned_uv_map(material) if given is None else None
         for group in alike(meshes):
             name = given.name if given is not None else uv_map
-            mesh = _mesh(copies[group[0]], look, material, name)
+            mesh = _mesh(copies[group[0]], look, material, name, but=ours)
             first, *more = matrices(group)
             if mesh.shows.any():
                 parts.append(_part(group[0], mesh, first, len(more)))
@@ -237,7 +239,8 @@ def _with_uv_map(copy: bpy.types.Object, obj: bpy.types.Object, given: UVMap) ->
     copy.data = mesh = before.copy()
     try:
         if places is not None and len(places) == len(mesh.loops):
-            layer = mesh.uv_layers.new(name=given.name, do_init=False)
+            # One of an earlier aging may be there.
+            layer = mesh.uv_layers.get(given.name) or mesh.uv_layers.new(name=given.name)
             layer.data.foreach_set("uv", places.ravel())
         yield
     finally:
@@ -246,9 +249,16 @@ def _with_uv_map(copy: bpy.types.Object, obj: bpy.types.Object, given: UVMap) ->
 
 
 def _mesh(
-    copy: bpy.types.Object, look: bpy.types.Scene, material: bpy.types.Material, uv_map: str
+    copy: bpy.types.Object,
+    look: bpy.types.Scene,
+    material: bpy.types.Material,
+    uv_map: str,
+    *,
+    but: str | None = None,
 ) -> _Mesh:
-    """The evaluated mesh, without the triangles of it that are nowhere."""
+    """The evaluated mesh, without the triangles of it that are nowhere; its UV map is any `but`
+    that one.
+    """
     mesh = mesh_of(copy, look)
     try:
         mesh.calc_loop_triangles()
@@ -266,7 +276,7 @@ def _mesh(
         shows = marked[slots[:, 0].clip(0, max(len(marked) - 2, 0))]
         normals = _read(mesh.corner_normals, "vector", 3)
         name = uv_map if uv_map in mesh.uv_layers else active_uv_map(mesh)
-        uv = None if name is None else _read(mesh.uv_layers[name].data, "uv", 2)
+        uv = None if name in (None, but) else _read(mesh.uv_layers[name].data, "uv", 2)
     finally:
         bpy.data.meshes.remove(mesh)
     places = np.isfinite(vertices).all(1)

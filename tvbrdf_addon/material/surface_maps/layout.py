@@ -10,13 +10,14 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
+from ..nodes.uv_maps import owned_uv_map
 from ..reading.tiles import Tiles
 from ..reading.unwrap import active_uv_map
 from .charts import Faces, laid_out
 from .collect import Part, Seen, UVMap, collect
 from .raster import Raster, rasterize
 
-__all__ = ("Layout", "lay_out")
+__all__ = ("Layout", "free_name", "lay_out")
 
 Array = NDArray[np.float32]
 
@@ -25,6 +26,7 @@ _SHARED = 0.02
 # Of a texel, how far UVs may reach out of the map before they count as repeated.
 _BEYOND = 0.5
 _MOST_UV_MAPS = 8
+_NAME = "Age"
 _LOOKED_AT = 512  # texels a side
 
 
@@ -44,20 +46,22 @@ class Layout:
 
 
 def lay_out(
+    seen: Seen,
     material: bpy.types.Material,
     scene: bpy.types.Scene,
     frame: int,
     *,
     uv_map: str | None,
     tiles: Tiles,
+    name: str,
     size: int,
 ) -> Layout | tuple[str, ...]:
     """The layout of maps of `size` texels a side, or sentences why there is none.
 
     `uv_map` is that by which the material looks up what is made of it (empty: that which each mesh
-    renders with), None where it does so by something else.
+    renders with), None where it does so by something else; `seen` was collected by it.  `name` is
+    what a UV map is called that has to be made.
     """
-    seen = collect(material, scene, frame, uv_map=uv_map or "")
     notes = _not_followed(material, seen)
     if not seen.parts:
         return notes
@@ -77,7 +81,7 @@ def lay_out(
             if not _is_shared(_of_bases(seen.parts, material, uv_map, tiles)):
                 return Layout(seen, uv, raster, None, (*notes, *_alike(seen.parts), _COPIES))
             why = f"Faces of “{material.name}” lie on one another in its UV map"
-    return _apart(material, scene, frame, seen, size, why, notes)
+    return _apart(material, scene, frame, seen, name, size, why, notes)
 
 
 _COPIES = (
@@ -219,13 +223,14 @@ def _apart(
     scene: bpy.types.Scene,
     frame: int,
     seen: Seen,
+    name: str,
     size: int,
     why: str,
     notes: tuple[str, ...],
 ) -> Layout | tuple[str, ...]:
     """The layout in a UV map of its own."""
     parts = _of_meshes(seen.parts)
-    if (reason := _why_no_uv_map(parts)) is not None:
+    if (reason := _why_no_uv_map(parts, name)) is not None:
         return (*notes, f"{why}, so that its aging cannot follow its shape: {reason}")
     bases = [_Base.of(part, material, "") for part in parts]
     places = laid_out([base.faces for base in bases], size)
@@ -235,7 +240,7 @@ def _apart(
     for part, base, uv in zip(parts, bases, places, strict=True):
         own[part.obj.data.session_uid] = at = np.zeros((base.count, 2), np.float32)
         at[base.corners] = uv
-    uv_map = UVMap(_free_name(), own)
+    uv_map = UVMap(name, own)
     seen = collect(material, scene, frame, given=uv_map)
     lost = [part for part in seen.parts if part.uv is None or _is_flat(part)]
     if lost:
@@ -259,8 +264,8 @@ def _apart(
     return Layout(seen, uv, raster, uv_map, notes)
 
 
-def _why_no_uv_map(parts: Sequence[Part]) -> str | None:
-    """Why no UV map can be added to the meshes, or None if one can."""
+def _why_no_uv_map(parts: Sequence[Part], uv_map: str) -> str | None:
+    """Why no UV map of that name can be added to the meshes, or None if one can."""
     for part in parts:
         mesh, name = part.obj.data, f"“{part.obj.name}”"
         assert isinstance(mesh, bpy.types.Mesh)
@@ -268,16 +273,17 @@ def _why_no_uv_map(parts: Sequence[Part]) -> str | None:
             return f"the mesh of {name} is linked from another file, and needs another UV map."
         if mesh.is_editmode:
             return f"leave Edit Mode of {name}, whose mesh needs another UV map, and age it again."
-        if len(mesh.uv_layers) >= _MOST_UV_MAPS:
+        if len(mesh.uv_layers) >= _MOST_UV_MAPS and uv_map not in mesh.uv_layers:
             return f"{name} has as many UV maps as it can have, and needs another; remove one."
     return None
 
 
-def _free_name() -> str:
-    """A name that no attribute of any mesh has."""
+def free_name(material: bpy.types.Material) -> str:
+    """What a UV map made for a material is called: as the one before, or as no attribute of any
+    mesh is.
+    """
+    if (before := owned_uv_map(material)) is not None:
+        return before
     taken = {each.name for mesh in bpy.data.meshes for each in mesh.attributes}
-    return next(
-        name
-        for i in range(1, len(taken) + 2)
-        if (name := f"Age {i}" if i > 1 else "Age") not in taken
-    )
+    names = (f"{_NAME} {i}" if i > 1 else _NAME for i in range(1, len(taken) + 2))
+    return next(each for each in names if each not in taken)

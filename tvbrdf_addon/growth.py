@@ -1,0 +1,70 @@
+"""What a run asks of the surface that aging is to grow on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..model_runtime.contract import AUTO, LIVE, AgeRequest
+from .errors import MaterialError
+
+if TYPE_CHECKING:
+    from .material.reading.read import Reading
+    from .material.surface_maps.collect import UVMap
+
+__all__ = ("Growth", "grows", "growth")
+
+# Whether the worker can.
+_CAN = "surface" in AgeRequest.__dataclass_fields__
+_IN_FRAMES = (
+    "Places that share texels age alike in frames: show the material live where they are to differ."
+)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """`fields` of the request, and what is to be said, in sentences.
+
+    `uv_map` is one by which timing is then looked up, to be added to the meshes.
+    """
+
+    fields: dict[str, Any] = field(default_factory=dict)
+    uv_map: UVMap | None = None
+    notes: tuple[str, ...] = ()
+
+
+def grows(request: dict[str, Any]) -> bool:
+    """Whether a run of this request is to know the surface."""
+    return _CAN and request["onset"] == AUTO
+
+
+def growth(
+    request: dict[str, Any],
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    reading: Reading,
+    frame: int,
+) -> Growth:
+    """The surface that shows `material`, which was read, at `frame`.
+
+    Raises `MaterialError` where there is none, nor texels of its own for a place to age by.
+    """
+    from .material.surface_maps.maps import write_surface
+
+    kept = Path(bpy.app.tempdir) / "surfaces"
+    maps = write_surface(
+        material, scene, frame, uv_map=reading.laid_out_by, tiles=reading.tiles, kept=kept
+    )
+    live = request["binding"] == LIVE
+    if maps.folder is None:
+        if live and reading.uniform and maps.notes:
+            raise MaterialError(maps.notes[-1])
+        return Growth(notes=maps.notes)
+    if maps.own is None:
+        return Growth({"surface": str(maps.folder)}, None, maps.notes)
+    if not live:
+        return Growth(notes=(_IN_FRAMES,))
+    return Growth({"surface": str(maps.folder), "timing_apart": True}, maps.own, maps.notes)
