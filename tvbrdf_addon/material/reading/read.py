@@ -189,6 +189,7 @@ def read(
         elif rest:
             target = Target(material, tiles=tiles, scene=scene)
             _bake(maps, rest, copy, target, whole, shape, frame)
+        laid_out_by = looked_up_by(space) if space.kind == "texture" else uv_map or ""
         if space.kind == "texture" and tiles.are_one:
             coverage = _covered(looks, users, material, space)
     if coverage is not None and not coverage.all():
@@ -196,7 +197,6 @@ def read(
     for name, pixels in maps.items():
         write_exr(folder / f"{name}.exr", _bounded(name, pixels))
     size_of_maps = (1, 1) if uniform else tiles.whole(shape)
-    laid_out_by = looked_up_by(space) if space.kind == "texture" else uv_map or ""
     return Reading(
         size_of_maps,
         textures,
