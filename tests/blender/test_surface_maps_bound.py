@@ -40,7 +40,7 @@ def bound(material, obj, tmp_path: Path, late=lambda position: position[..., 0] 
     folder = made_up_live(tmp_path / "live", count=0)
     position = read_map(maps.folder, "position")
     onset = late(position).astype(np.float16)
-    timing = np.stack((onset, np.ones_like(onset), np.zeros_like(onset)), -1)
+    timing = np.stack((onset, 1 - onset, np.zeros_like(onset)), -1)
     write_image(folder / "timing.exr", timing)
     reading = read(material, obj, tmp_path)
     bind(
