@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from matplotlib.figure import Figure
 
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.errors import ModelFileError, UsageError
@@ -18,6 +19,7 @@ from tests.saved_figures import saved_figures, texts_of
 from training.data.sequences import MixtureSequence, Sequence
 from training.evaluation.synthesis import scoring as synthesis_scoring
 from training.evaluation.synthesis.cases import CASES, GRID, make_cases, mixed_weights, states_of
+from training.evaluation.synthesis.charts import TITLES
 from training.evaluation.synthesis.evaluate import evaluate_synthesis
 from training.evaluation.synthesis.methods import METHODS, load_models, method_for
 from training.evaluation.synthesis.report import PUBLISHED, averages_table
@@ -84,6 +86,22 @@ def report(data_folder: Path, output: Path, weights: Path) -> SynthesisReport:
     return evaluate(data_folder, output, weights)
 
 
+def check_strip(figure: Figure) -> None:
+    """Five frames; below the truth each method's picture, and below that its error and score."""
+    texts = texts_of(figure)
+    frames = [text for text in texts if text.startswith("frame ")]
+    assert frames == [f"frame {k}" for k in (1, 9, 18, 27, 36)]
+    assert {TITLES[method] for method in METHODS} <= set(texts)
+    assert len([text for text in texts if text.endswith(" dB")]) == 4 * len(METHODS)
+    pictures = [np.asarray(ax.images[0].get_array(), float) for ax in figure.axes]
+    truth, *rows = (pictures[k : k + 5] for k in range(0, len(pictures), 5))
+    for shown, errors in zip(rows[::2], rows[1::2], strict=True):
+        for picture, error, right in zip(shown, errors, truth, strict=True):
+            inside = np.isfinite(error)
+            expected = np.abs(picture - right)[inside, :3].mean(-1)
+            np.testing.assert_allclose(error[inside], expected, atol=2e-3)
+
+
 class TestReport:
     def test_the_file_holds_every_case_method_and_number(self, report, output: Path):
         stored = json.loads((output / "synthesis.json").read_text())
@@ -134,8 +152,7 @@ class TestReport:
             assert set(case["methods"]) == set(METHODS)
             assert {"paper", "brdfnps"} <= set(case["ceilings"])
             (strip,) = (figures[each] for each in figures if each.startswith(f"strip_{name}_"))
-            last = {f"{curve.every[-1]:.1f} dB" for curve in report.cases[name].curves.values()}
-            assert last <= set(texts_of(strip))
+            check_strip(strip)
         assert set(report.cases["s3"].after_fit) == {"ours", *METHODS[-4:]}
         assert set(report.cases["s4"].true_onset) == {"ours", *METHODS[-4:]}
         assert set(report.cases["s4"].statistics) == set(STATISTICS)
