@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from .material.reading.read import Reading
     from .material.surface_maps.collect import UVMap
 
-__all__ = ("Growth", "grows", "growth")
+__all__ = ("Growth", "grows", "growth", "needs_no_texels")
 
-# Whether the worker can.
-_CAN = "surface" in AgeRequest.__dataclass_fields__
+# Whether the worker can grow aging on a surface, and give its timing a layout of its own.
+_CAN, _CAN_APART = (name in AgeRequest.__dataclass_fields__ for name in ("surface", "timing_apart"))
 _IN_FRAMES = (
     "Places that share texels age alike in frames: show the material live where they are to differ."
 )
@@ -41,6 +41,11 @@ def grows(request: dict[str, Any]) -> bool:
     return _CAN and request["onset"] == AUTO
 
 
+def needs_no_texels(request: dict[str, Any]) -> bool:
+    """Whether a place may age by a UV map that is made for it."""
+    return grows(request) and _CAN_APART and request["binding"] == LIVE
+
+
 def growth(
     request: dict[str, Any],
     material: bpy.types.Material,
@@ -58,13 +63,13 @@ def growth(
     maps = write_surface(
         material, scene, frame, uv_map=reading.laid_out_by, tiles=reading.tiles, kept=kept
     )
-    live = request["binding"] == LIVE
+    apart = needs_no_texels(request)
     if maps.folder is None:
-        if live and reading.uniform and maps.notes:
+        if apart and reading.uniform and maps.notes:
             raise MaterialError(maps.notes[-1])
         return Growth(notes=maps.notes)
     if maps.own is None:
         return Growth({"surface": str(maps.folder)}, None, maps.notes)
-    if not live:
-        return Growth(notes=(_IN_FRAMES,))
+    if not apart:
+        return Growth(notes=(_IN_FRAMES,) if request["binding"] != LIVE else ())
     return Growth({"surface": str(maps.folder), "timing_apart": True}, maps.own, maps.notes)

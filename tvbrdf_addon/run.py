@@ -20,7 +20,7 @@ from ..model_runtime.errors import Cancelled
 from ..model_runtime.output.commit import recover
 from . import outlook, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
-from .growth import grows, growth
+from .growth import grows, growth, needs_no_texels
 from .material.nodes.age import frame_range
 from .material.nodes.revert import is_aged, revert
 from .material.reading.check import why_not as why_not_readable
@@ -265,7 +265,7 @@ class Run:
             folder=maps,
             size=self.plan.size,
             frame=frame,
-            timed=grows(request) and request["binding"] == LIVE,
+            timed=needs_no_texels(request),
         )
         self.warnings.extend(reading.warnings)
         self.size_reason = reading.textures.why
