@@ -30,7 +30,6 @@ from .output.frames import Frames, file_names, maps_of, write_frames, write_stor
 from .output.stored import StagedResult, check_space
 from .run import Reporter, Run
 from .temporal.domain import FOREIGN_SHARE
-from .temporal.ntm import NeuralTemporalModel
 
 __all__ = ("AgeRequest", "Reporter", "age")
 
@@ -79,7 +78,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     start = read_start(run)
     _require_room(run, start, staged, live=start.may_be_live)
     counted = start.counted
-    rung = _rung(run, start.models.ntm, counted.initial)
+    rung = _rung(run, start, counted.initial)
     change = _change(run, start, rung, device)
     with run.timed("model"):
         modelled = model_texels(
@@ -133,6 +132,7 @@ def _change(run: Run, start: Start, rung: str, device: torch.device) -> Change:
         start.models.estimator,
         specular=run.request.specular,
         measured=start.material if isinstance(start.material, MeasuredBRDF) else None,
+        course=start.course,
         device=device,
         warn=run.warn,
     )
@@ -204,8 +204,13 @@ def _write_frames(run: Run, frames: Frames, staged: StagedResult) -> dict[str, A
     return write_frames(frames, staged, step)
 
 
-def _rung(run: Run, ntm: NeuralTemporalModel, initial: Tensor) -> str:
-    """The model of change to use: what was asked for, or what suits the material."""
+def _rung(run: Run, start: Start, initial: Tensor) -> str:
+    """The model of change to use: what was asked for, or what suits the material where it has not
+    begun to age.
+    """
+    ntm = start.models.ntm
+    if start.course is not None and bool((fresh := start.course.age_of(initial) == 0).any()):
+        initial = initial[fresh]
     if run.request.temporal_model != AUTO:
         return run.request.temporal_model
     rung, share = ntm.suited(initial)

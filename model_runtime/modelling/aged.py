@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -16,6 +16,7 @@ from ..images import Compression
 from ..representation.estimator import ParameterEstimator
 from ..representation.latents import PAPER_SAMPLES, Representation
 from ..temporal.ntm import NeuralTemporalModel
+from ..temporal.wear import Course
 from .compose import AgedTexels
 from .palette import Palette, appearance_psnr, build_palette
 from .rollout import CPU, Histories, roll_out
@@ -65,6 +66,7 @@ class Change:
     estimator: of the parameters of latents, where an effort has no fit; without one they are fitted
     specular: "mono" gives all colors one Ks
     measured: the BRDF behind the only texel, where there is one
+    course: that of texels which have begun already, where these go on instead of beginning
     device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it
     warn: hears what the user should know, in sentences
     """
@@ -75,6 +77,7 @@ class Change:
     estimator: ParameterEstimator | None = None
     specular: Specular = "rgb"
     measured: MeasuredBRDF | None = None
+    course: Course | None = None
     device: torch.device = CPU
     warn: Callable[[str], None] = lambda message: None
 
@@ -177,7 +180,7 @@ class _Rollouts:
         self, device: torch.device, entries: Tensor, fit: FitEffort | ParameterEstimator
     ) -> Histories:
         change = self.change
-        return roll_out(
+        found = roll_out(
             entries,
             change.ntm,
             change.rung,
@@ -189,6 +192,9 @@ class _Rollouts:
             device=device,
             step=self._step,
         )
+        if change.course is None:
+            return found
+        return replace(found, states=change.course.continued(entries, found.states))
 
 
 @dataclass(frozen=True)

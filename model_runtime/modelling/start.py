@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from ..brdf.measured import MeasuredBRDF
 from ..contract import AUTO, FRAMES, PRINCIPLED, TORRANCE_SPARROW, Format
@@ -21,9 +22,11 @@ from ..representation import load_representation
 from ..representation.estimator import ParameterEstimator, load_estimator
 from ..representation.latents import Representation
 from ..run import Run
+from ..surface.exposure import Exposure
 from ..surface.maps import read_surface, surface_files
 from ..temporal.ntm import NeuralTemporalModel
-from .texels import Texels, grown_timing, initial_states, timing_maps
+from ..temporal.wear import Course, course_of
+from .texels import Texels, exposure_of, grown_timing, initial_states, timing_maps
 
 __all__ = ("Models", "Start", "read_start")
 
@@ -53,7 +56,8 @@ class Start:
     may_be_live: whether a live material may stand for all frames
     fit_error: of a measured material; 0 where nothing was fitted
     hashes: of the files that were read, as `aged.json` has them
-    grown: what `aged.json` says of the surface that the ageing grew on; nothing where there is none
+    course: of what has begun already, where anything has
+    grown: what `aged.json` says of wear that was there and of the surface that the ageing grew on
     """
 
     models: Models
@@ -65,6 +69,7 @@ class Start:
     may_be_live: bool
     fit_error: float
     hashes: dict[str, Any]
+    course: Course | None
     grown: dict[str, Any]
 
     @property
@@ -85,7 +90,11 @@ def read_start(run: Run) -> Start:
             covered = read_covered(request.input, maps_size)
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
-        onset, rate, grown = _timing(run, models.ntm, size, hashes)
+        exposure = exposure_of(request, models.ntm)
+        course, worn = None, None
+        if exposure.wear > 0 and not isinstance(material, MeasuredBRDF):
+            course, worn = _wear(models.ntm, initial, size)
+        onset, rate, grown = _timing(run, models.ntm, size, exposure, worn, hashes)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], -1)
@@ -100,12 +109,29 @@ def read_start(run: Run) -> Start:
         may_be_live=request.binding != FRAMES and size != (1, 1),
         fit_error=fit_error,
         hashes=hashes,
-        grown=grown,
+        course=course,
+        grown=grown if worn is None else {"worn": round(float(worn.mean()), 4), **grown},
     )
 
 
+def _wear(
+    ntm: NeuralTemporalModel, initial: Tensor, size: tuple[int, int]
+) -> tuple[Course | None, NDArray[np.bool_] | None]:
+    """The course of a process, and where on it the texels [H, W] of a material are already; None
+    where nowhere.
+    """
+    course = course_of(ntm).widened_to(initial)
+    worn = (course.age_of(initial) > 0).numpy().reshape(size)
+    return (course, worn) if worn.any() else (None, None)
+
+
 def _timing(
-    run: Run, ntm: NeuralTemporalModel, size: tuple[int, int], hashes: dict[str, Any]
+    run: Run,
+    ntm: NeuralTemporalModel,
+    size: tuple[int, int],
+    exposure: Exposure,
+    worn: NDArray[np.bool_] | None,
+    hashes: dict[str, Any],
 ) -> tuple[Pixels | None, Pixels | None, dict[str, Any]]:
     """When and how fast texels age, [H, W] each, and what `aged.json` says of their surface."""
     request = run.request
@@ -115,11 +141,11 @@ def _timing(
     if not files and not (request.surface and grows):
         if request.exposure or request.pattern_size or request.amount < 1:
             run.warn(_NO_SURFACE)
-        return *timing_maps(request, ntm, size), {}
+        return *timing_maps(request, ntm, size, worn), {}
     with _unchanged(*files.values()):
         atlas = read_surface(folder)
         hashes["surface"] = {file.name: hash_file(file) for file in files.values()}
-    found = grown_timing(request, ntm, size, atlas)
+    found = grown_timing(request, ntm, size, atlas, exposure, worn)
     account = {"seam_ratio": found.seam_ratio, "surface": found.account}
     return found.onset, found.rate, account
 

@@ -21,13 +21,21 @@ from ..reading.coverage import nearest_covered
 from ..reading.inputs import Material
 from ..surface.atlas import Atlas
 from ..surface.exposure import Exposure
+from ..surface.growth import WEAR
 from ..surface.timing import SurfaceTiming, surface_timing
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
 from .compose import AgedTexels
 from .rollout import fit_measured
 
-__all__ = ("Texels", "authored_texels", "grown_timing", "initial_states", "timing_maps")
+__all__ = (
+    "Texels",
+    "authored_texels",
+    "exposure_of",
+    "grown_timing",
+    "initial_states",
+    "timing_maps",
+)
 
 _UNIFORM_SIZE = 512
 
@@ -91,14 +99,33 @@ def authored_texels(
     return whole if covered is None else whole.map(lambda pixels: pixels[covered][:, None])
 
 
+def exposure_of(request: AgeRequest, ntm: NeuralTemporalModel) -> Exposure:
+    """Where the process starts: as its model's card says, and as the artist wants it.
+
+    Raises ModelFileError where the card has no proper exposure.
+    """
+    card = ntm.card
+    try:
+        exposure = Exposure.of(card.process, card.details.get("exposure"))
+    except (AttributeError, ValueError) as error:
+        raise ModelFileError(
+            f"{shown(card.path.name)} does not say where it starts: {shown(error)}.",
+            "Copy or download it again.",
+        ) from error
+    return exposure.changed(exposure_weights(request.exposure or ""))
+
+
 def timing_maps(
-    request: AgeRequest, ntm: NeuralTemporalModel, size: tuple[int, int]
+    request: AgeRequest,
+    ntm: NeuralTemporalModel,
+    size: tuple[int, int],
+    worn: NDArray[np.bool_] | None = None,
 ) -> tuple[Pixels | None, Pixels | None]:
     """When each texel's history starts, 0 to 1, and how fast it runs: [H, W] each.
 
     An image says only when: its rate is None, which stands for 1. Without any (both None) all
     texels change alike, as those of the source did on average; so they do in a pattern after a
-    source that changed everywhere at once.
+    source that changed everywhere at once. In a pattern what is `worn` [H, W] starts at once.
     """
     timing, process, seed = ntm.timing, ntm.card.process, request.seed
     if request.onset == EVERYWHERE or (request.onset == AUTO and ntm.changes_at_once):
@@ -108,7 +135,8 @@ def timing_maps(
         shape = (side, side) if size == (1, 1) else size
         with ThreadPoolExecutor(1) as beside:
             rate = beside.submit(rate_map, process, shape, seed=seed, timing=timing)
-            return onset_map(process, shape, seed=seed, timing=timing), rate.result()
+            onset = onset_map(process, shape, seed=seed, timing=timing, worn=worn)
+            return onset, rate.result()
     onset = read_image(Path(request.onset), color=False)
     if not (np.isfinite(onset).all() and onset.min() >= 0 and onset.max() <= 1):
         raise InputError(
@@ -123,30 +151,28 @@ def timing_maps(
 
 
 def grown_timing(
-    request: AgeRequest, ntm: NeuralTemporalModel, size: tuple[int, int], atlas: Atlas
+    request: AgeRequest,
+    ntm: NeuralTemporalModel,
+    size: tuple[int, int],
+    atlas: Atlas,
+    exposure: Exposure,
+    worn: NDArray[np.bool_] | None = None,
 ) -> SurfaceTiming:
     """The same by growth over the surface that `atlas` shows, at its own shape where the material
     is uniform.
-
-    Raises ModelFileError where the model's card has no proper exposure.
     """
+    if worn is not None:
+        there = resize(worn.astype(np.float32), atlas.size)
+        atlas = replace(atlas, features={**atlas.features, WEAR: there})
     if size == (1, 1):
         scale = (request.size or _UNIFORM_SIZE) / max(atlas.size)
         size = max(1, round(atlas.size[0] * scale)), max(1, round(atlas.size[1] * scale))
-    card = ntm.card
-    try:
-        exposure = Exposure.of(card.process, card.details.get("exposure"))
-    except (AttributeError, ValueError) as error:
-        raise ModelFileError(
-            f"{shown(card.path.name)} does not say where it starts: {shown(error)}.",
-            "Copy or download it again.",
-        ) from error
     return surface_timing(
         atlas,
-        card.process,
+        ntm.card.process,
         size,
         seed=request.seed,
-        exposure=exposure.changed(exposure_weights(request.exposure or "")),
+        exposure=exposure,
         timing=ntm.timing,
         pattern_size=request.pattern_size,
         amount=request.amount,

@@ -21,9 +21,12 @@ from .graph import Graph, arrival
 from .noise import SpaceNoise, random_numbers
 from .points import Points
 
-__all__ = ("Chance", "grow", "usual_unit")
+__all__ = ("WEAR", "Chance", "grow", "usual_unit")
 
 Array = NDArray[np.float32]
+
+WEAR = "wear"
+"""The feature of what is weathered already: what is there has begun, and spreads from there."""
 
 _SIDES = 1.25  # of the square that has the surface's area, in a tile's: half a cube shows at a time
 _STEPS = 4.0  # sizes of the default unit to a doubling
@@ -92,6 +95,8 @@ def grow(
     nucleus = race <= np.partition(race, min(count, len(race)) - 1)[min(count, len(race)) - 1]
     births = delay + growth.birth_spread * late + np.where(nucleus, 0, _OWN * usual)
     births = exposure.pattern * births - _HEAD_START * usual * susceptibility
+    if WEAR in known and exposure.wear > 0:
+        births = np.where(known[WEAR] > 0.5, births.min(), births)
 
     slowness = np.exp(
         exposure.pattern * growth.unevenness * uneven.at(points.position, 0, _OCTAVES)

@@ -17,7 +17,7 @@ from ..temporal.ranks import Ranking
 from .atlas import Atlas
 from .exposure import Exposure, features
 from .graph import join
-from .growth import Chance, grow, usual_unit
+from .growth import WEAR, Chance, grow, usual_unit
 from .interpolation import Interpolation
 from .noise import SpaceNoise
 from .points import sample
@@ -87,6 +87,7 @@ def surface_timing(
 ) -> SurfaceTiming:
     """The timing of a map of `size` of the surface that `atlas` shows.
 
+    What the atlas knows as worn starts at once, and the pace is that of the others.
     `pattern_size` is the distance in meters at which onsets are about half as alike as one is to
     itself; None: that of the process, on a surface of this area. An `amount` of the surface ever
     starts, 0 to 1. `timing` sets the pace, and the scale where no `pattern_size` does. The same
@@ -117,7 +118,9 @@ def surface_timing(
     onset_ranks, rate_ranks = Ranking(*border.range(long[0])), Ranking(*mottling.range(long[1]))
     covered = atlas.covered_at(size)
     onset, rate = np.zeros((2, *size), np.float32)
-    area = atlas.area.reshape(-1)
+    worn = atlas.features.get(WEAR)
+    sound = np.ones(atlas.size, np.float32) if worn is None else (worn <= 0.5).astype(np.float32)
+    area = (atlas.area * sound if sound.any() else atlas.area).reshape(-1)
 
     def lay(rows: range) -> tuple[Array, Array, Array]:
         """Arrivals and mottling of these rows, not yet ranked, and the area of each texel."""
@@ -145,7 +148,7 @@ def surface_timing(
         nearest = nearest_covered(covered)
         onset, rate = (values.reshape(-1)[nearest] for values in (onset, rate))
     account = {
-        "maps": ["position", "normal", *sorted(atlas.features)],
+        "maps": ["position", "normal", *sorted(atlas.features.keys() - {WEAR})],
         "points": len(points),
         "area": round(total, 9),
         "pattern_size": round(unit * growth.scale, 9),

@@ -50,6 +50,7 @@ def onset_map(
     seed: int,
     timing: Timing | None = None,
     tileable: bool = True,
+    worn: NDArray[np.bool_] | None = None,
 ) -> Array:
     """Time, 0 to 1, at which each texel's history starts: float32 [H, W].
 
@@ -59,18 +60,19 @@ def onset_map(
     dozen spores), `fading` and `yellowing` (nearly at once); any other name gets plain spots.
     `timing` sets the pace and the scale; None leaves both to the process.
     `tileable` patterns wrap at the edges without a seam; otherwise a burning front also enters from
-    an edge. The same arguments give the same map.
+    an edge. What is `worn` [H, W] has begun already: it starts at once, the others around it
+    sooner than elsewhere, and the pace is theirs. The same arguments give the same map.
     """
     height, width = shape
     assert min(shape) > 0, shape
     growth = growth_of(process, timing)
     source = _Source(seed, zlib.crc32(process.encode()), height / max(shape), width / max(shape))
-    arrival = _spline(_arrival(growth, source, process, tileable), shape, tileable)
+    arrival = _spline(_arrival(growth, source, process, tileable, worn), shape, tileable)
     arrival += growth.raggedness * fractal_noise(
         source.rng("border"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
     )
     pace = growth.pace if timing is None else pace_of(timing.onset)
-    return _paced(arrival, pace, alike=0.0)
+    return _paced(arrival, pace, alike=0.0, worn=worn)
 
 
 def rate_map(
@@ -181,7 +183,13 @@ def _spline_down(values: Array, texels: int, tileable: bool) -> Array:
     return result
 
 
-def _arrival(growth: Growth, source: _Source, process: str, tileable: bool) -> NDArray[np.float64]:
+def _arrival(
+    growth: Growth,
+    source: _Source,
+    process: str,
+    tileable: bool,
+    worn: NDArray[np.bool_] | None,
+) -> NDArray[np.float64]:
     """Arrival time of the growth on the coarse grid."""
     rows, columns = (max(8, round(_GRID * side)) for side in (source.height, source.width))
     shape = (rows, columns)
@@ -199,6 +207,8 @@ def _arrival(growth: Growth, source: _Source, process: str, tileable: bool) -> N
     delay = 0.5 * growth.cluster_delay * (1.0 + patches[row, column])
     births = np.full(shape, _LATE)
     np.minimum.at(births, (row, column), delay + growth.birth_spread * late)
+    if worn is not None:
+        births[_any_in_cell(worn, shape)] = 0.0
     if process == "char" and not tileable:
         births[-1] = growth.cluster_delay
     return _eikonal(births, np.exp(growth.unevenness * uneven) / _GRID, growth, tileable)
@@ -238,7 +248,23 @@ def _eikonal(
     return times
 
 
-def _paced(arrival: Array, pace: Pace, *, alike: float) -> Array:
+def _any_in_cell(texels: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which cells of a grid of `shape` hold any of `texels` [H, W]."""
+    found = np.zeros(shape, bool)
+    row, column = np.nonzero(texels)
+    height, width = texels.shape
+    found[row * shape[0] // height, column * shape[1] // width] = True
+    return found
+
+
+def _paced(
+    arrival: Array, pace: Pace, *, alike: float, worn: NDArray[np.bool_] | None = None
+) -> Array:
     ranking = Ranking(float(arrival.min()), float(arrival.max()))
-    ranking.add(arrival)
-    return ranking.paced(arrival, pace, alike=alike)
+    if worn is None:
+        ranking.add(arrival)
+        return ranking.paced(arrival, pace, alike=alike)
+    if not worn.all():
+        ranking.add(arrival[~worn])
+        return np.where(worn, np.float32(0), ranking.paced(arrival, pace, alike=alike))
+    return np.zeros_like(arrival)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from .domain import perceptual
+from ..states import clamped, perceptual
 from .ntm import NeuralTemporalModel
 
 __all__ = ("Course", "course_of")
@@ -17,6 +17,8 @@ _MATERIALS = 192  # of those a model was trained on, which tell the course that 
 _TOGETHER = 0.3  # spread of a course below which all materials look alike, of its whole way
 _EARLIEST = 0.2  # age; before it hardly anything has happened yet
 _NEAR = 0.3  # distance from it at which a texel is on it, likewise
+_MOSTLY = 0.75  # share of worn texels beyond which the others only look a little different
+_WIDER = 2.0
 _CHUNK = 1 << 14
 
 
@@ -33,6 +35,13 @@ class Course:
     ages: Tensor
     states: Tensor
     near: float
+
+    def widened_to(self, parameters: Tensor) -> Course:
+        """One that takes in all of a material [n, 7] that is worn nearly all over, its darkest and
+        brightest spots too.
+        """
+        mostly = bool((self.age_of(parameters) > 0).float().mean() > _MOSTLY)
+        return replace(self, near=_WIDER * self.near) if mostly else self
 
     def age_of(self, parameters: Tensor) -> Tensor:
         """[n]: the age at which texels `parameters` [n, 7] are on the course; 0 where they are
@@ -59,6 +68,19 @@ class Course:
         upper = (lower + 1).clamp_max(len(self.ages) - 1)
         state = torch.lerp(self.states[lower], self.states[upper], (place - lower)[..., None])
         return state - state[:, :1]
+
+    def continued(self, entries: Tensor, states: Tensor) -> Tensor:
+        """Histories `states` [P, T, 7] of `entries` [P, 7], but of those that are on the course
+        already what is left of it: they keep what sets them apart, and never get younger.
+        """
+        age = self.age_of(entries)
+        worn = age > 0
+        if not worn.any():
+            return states
+        states = states.clone()
+        onward = self.onward(age[worn], states.shape[1])
+        states[worn] = clamped(entries[worn][:, None] + onward)
+        return states
 
 
 def course_of(ntm: NeuralTemporalModel) -> Course:
