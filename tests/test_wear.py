@@ -13,9 +13,11 @@ from model_runtime.maps import PrincipledMaps
 from model_runtime.model_files.weights import find_model
 from model_runtime.reading.inputs import read_input
 from model_runtime.representation import load_representation
-from model_runtime.temporal.domain import perceptual
+from model_runtime.states import perceptual
 from model_runtime.temporal.ntm import NeuralTemporalModel
+from model_runtime.temporal.onset import onset_map
 from model_runtime.temporal.wear import course_of
+from tests.ageing import frames_of, run
 
 
 def ntm_of(name: str) -> NeuralTemporalModel:
@@ -62,3 +64,34 @@ def test_a_process_without_a_common_end_leaves_no_wear(name: str):
     course = course_of(ntm_of(name))
     assert len(course.ages) == 0
     assert not course.age_of(torch.rand(100, 7)).any()
+
+
+def test_what_grows_starts_around_what_is_worn():
+    worn = np.zeros((96, 96), bool)
+    worn[40:48, 40:48] = True
+    onset = onset_map("rust", worn.shape, seed=3, worn=worn)
+    without = onset_map("rust", worn.shape, seed=3)
+    beside = np.zeros_like(worn)
+    beside[36:52, 36:52] = True
+    beside &= ~worn
+    assert (onset[worn] == 0).all()
+    assert onset[beside].mean() < 0.5 * without[beside].mean()
+    assert abs(np.median(onset[~worn]) - np.median(without)) < 0.05, "the pace is as ever"
+
+
+def test_rust_of_a_scan_goes_on_and_never_gets_younger(data_folder: Path, tmp_path: Path):
+    account = run(
+        data_folder / "scans" / "PaintedMetal007",
+        tmp_path / "aged",
+        frames=5,
+        size=64,
+        format="torrance-sparrow",
+    )
+    assert 0.05 < account["worn"] < 0.2
+    kd, ks, alpha = (frames_of(tmp_path / "aged", name, 5) for name in ("kd", "ks", "alpha"))
+    states = np.concatenate((kd, ks, alpha[..., None]), -1).reshape(5, -1, 7)
+    course = course_of(ntm_of("rust"))
+    first, *later = (course.age_of(torch.from_numpy(frame.astype(np.float32))) for frame in states)
+    worn = first > 0.25
+    assert all((after[worn] > first[worn] - 0.1).float().mean() > 0.95 for after in later)
+    assert later[-1][worn].mean() > first[worn].mean() + 0.2
