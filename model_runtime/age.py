@@ -17,7 +17,7 @@ from .account import account_of
 from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
 from .contract import AFFINE, AUTO, LIVE, PRINCIPLED, AgeRequest, Format
-from .errors import UsageError
+from .errors import InputError, UsageError
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .maps import PrincipledMaps
@@ -39,6 +39,10 @@ _BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (
     "This change is too varied for the shader to compute within the tolerance, so frames were "
     "written instead; a lower tolerance may allow it."
+)
+_NOT_APART = (
+    "This change is too varied for the shader to compute within the tolerance, and frames cannot "
+    "differ where texels are shown in several places."
 )
 
 
@@ -94,6 +98,8 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     if start.may_be_live:
         live = _fit_live(run, start, modelled, _each_for_itself(start, change, effort))
         if live is None:
+            if start.apart is not None:
+                raise InputError(_NOT_APART, "Unwrap the object, or ask for a lower tolerance.")
             _require_room(run, start, staged, live=False)
     times = np.linspace(0, 1, run.request.frames).tolist()
     with run.timed("write"):
@@ -178,7 +184,7 @@ def _write(
     covered, size, wanted = start.covered, start.size, start.format
     aged = modelled if covered is None else start.texels.beside(modelled, covered)
     if live is not None:
-        format, files = write_live(live.sum, aged, size, wanted, staged)
+        format, files = write_live(live.sum, aged, size, wanted, staged, start.apart)
     else:
         maps = maps_of(aged, start.material, size, wanted, times, covered=covered)
         format, files = maps.format, _write_frames(run, Frames(maps, times, interval), staged)

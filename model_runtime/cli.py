@@ -112,6 +112,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     age.add_argument("--surface", metavar="DIR", help="folder of position.exr and normal.exr, ...")
     age.add_argument(
+        "--timing-apart",
+        action="store_true",
+        help="lay timing out as the surface is, and the rest as the maps are, which may repeat",
+    )
+    age.add_argument(
         "--exposure", metavar="NAME=WEIGHT,...", help=f"what it seeks: {', '.join(EXPOSURES)}"
     )
     age.add_argument("--pattern-size", type=float, metavar="METERS", help="of its patches")

@@ -175,6 +175,7 @@ class AgeRequest:
     seed: int = 0
     device: str = AUTO
     surface: Path | None = None
+    timing_apart: bool = False
     exposure: str | None = None
     pattern_size: float | None = None
     amount: float = 1.0

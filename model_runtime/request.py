@@ -14,6 +14,7 @@ from .contract import (
     CHOICES,
     DEVICES,
     EXPOSURES,
+    FRAMES,
     LONGEST_PATTERN,
     MOST_DB,
     RANGES,
@@ -89,8 +90,9 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
             f"{option('device')} cannot be {shown(given['device'])}.",
             f"Choose one of {DEVICES.replace('|', ', ')}.",
         )
-    if type(given.get("sparse", False)) is not bool:
-        raise UsageError("The setting sparse must be true or false.")
+    for name in ("sparse", "timing_apart"):
+        if type(given.get(name, False)) is not bool:
+            raise UsageError(f"The setting {name} must be true or false.")
     if "tolerance" in given:
         value = given["tolerance"]
         if type(value) not in (int, float) or not 0 < value <= MOST_DB:
@@ -119,6 +121,15 @@ def _check_growth(given: dict[str, Any]) -> None:
                     f"{option(name)} must be a number of {what} from {least:g} to {most:g}."
                 )
             given[name] = float(value)
+    if given.get("timing_apart") and (
+        "surface" not in given
+        or given.get("onset", AUTO) != AUTO
+        or given.get("binding", FRAMES) == FRAMES
+    ):
+        raise UsageError(
+            f"{option('timing_apart')} needs a surface for its layout, and a live material.",
+            f"Give {option('surface')} and {option('binding')} live, and no {option('onset')}.",
+        )
     try:
         exposure_weights(given.get("exposure", ""))
     except ValueError as error:

@@ -28,7 +28,7 @@ from ..contract import (
     coefficients_file,
 )
 from ..images import read_image
-from ..maps import Halves
+from ..maps import Halves, Pixels
 from ..modelling.compose import AgedTexels
 from ..output.stored import StagedResult
 from .evaluate import Curves, LiveMaps
@@ -57,16 +57,22 @@ def write_live(
     size: tuple[int, int],
     format: Format,
     staged: StagedResult,
+    timing: tuple[Pixels, Pixels] | None = None,
 ) -> tuple[Format, dict[str, Any]]:
     """Write what a shader needs to show `aged`, an image of `size`, as the sum `found`; returns
     the format it is to show it in and `files` of `aged.json`.
 
+    `timing`: onset and rate [H, W] of a layout of their own, instead of those of the texels.
     "principled-exact" is replaced by "torrance-sparrow" where any texel at any age is beyond what
     it can hold.
     """
     files: dict[str, Any] = {"curves": CURVES}
     staged.write(CURVES, found.curves().packed(), depth="single")
-    if aged.onset is not None:
+    if timing is not None:
+        files["timing"] = TIMING
+        planes = (torch.from_numpy(each.reshape(-1)) for each in timing)
+        staged.write(TIMING, _image(planes, timing[0].shape), compression="zip")
+    elif aged.onset is not None:
         files["timing"] = TIMING
         rate = torch.ones(()) if aged.rate is None else aged.rate
         staged.write(TIMING, _image((aged.onset, rate), size), compression="zip")
@@ -85,7 +91,7 @@ def write_live(
     return format, files
 
 
-def _image(planes: Iterable[Tensor], size: tuple[int, int]) -> Halves:
+def _image(planes: Iterable[Tensor], size: tuple[int, ...]) -> Halves:
     """[H, W, 3] of at most three planes [H W], or of one value; what is missing is 0."""
     image = torch.zeros(3, size[0] * size[1], dtype=torch.half)
     for channel, plane in zip(image, planes, strict=False):

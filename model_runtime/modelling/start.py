@@ -56,6 +56,7 @@ class Start:
     may_be_live: whether a live material may stand for all frames
     fit_error: of a measured material; 0 where nothing was fitted
     hashes: of the files that were read, as `aged.json` has them
+    apart: onset and rate [H, W] of a layout of their own, where `texels` all begin at once
     course: of what has begun already, where anything has
     grown: what `aged.json` says of wear that was there and of the surface that the ageing grew on
     """
@@ -69,6 +70,7 @@ class Start:
     may_be_live: bool
     fit_error: float
     hashes: dict[str, Any]
+    apart: tuple[Pixels, Pixels] | None
     course: Course | None
     grown: dict[str, Any]
 
@@ -94,7 +96,13 @@ def read_start(run: Run) -> Start:
         course, worn = None, None
         if exposure.wear > 0 and not isinstance(material, MeasuredBRDF):
             course, worn = _wear(models.ntm, initial, size)
-        onset, rate, grown = _timing(run, models.ntm, size, exposure, worn, hashes)
+        apart = None
+        if request.timing_apart and size != (1, 1):
+            onset, rate, grown = _timing(run, models.ntm, (1, 1), exposure, None, hashes)
+            if onset is not None and rate is not None:
+                apart, onset, rate = (onset, rate), np.zeros(size, np.float32), None
+        else:
+            onset, rate, grown = _timing(run, models.ntm, size, exposure, worn, hashes)
     if onset is not None and size == (1, 1):
         size = onset.shape[0], onset.shape[1]
         initial = initial.expand(size[0] * size[1], -1)
@@ -109,6 +117,7 @@ def read_start(run: Run) -> Start:
         may_be_live=request.binding != FRAMES and size != (1, 1),
         fit_error=fit_error,
         hashes=hashes,
+        apart=apart,
         course=course,
         grown=grown if worn is None else {"worn": round(float(worn.mean()), 4), **grown},
     )
