@@ -8,13 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+import OpenEXR
 from numpy.typing import NDArray
 
 from model_runtime.surface.atlas import Atlas
 
-__all__ = ("Patch", "atlas_of", "ball", "box", "pipe", "quad", "turned_inside_out")
+__all__ = (
+    "Patch",
+    "atlas_of",
+    "ball",
+    "box",
+    "pipe",
+    "quad",
+    "rank_correlation",
+    "turned_inside_out",
+    "write_vectors",
+)
 
 Array = NDArray[np.float64]
 
@@ -117,3 +129,23 @@ def atlas_of(
     if edges.any():
         features["edges"] = edges
     return Atlas(position, normal, covered, (0.0, 0.0, 0.0), features)
+
+
+def write_vectors(path: Path, vectors: np.ndarray, alpha: np.ndarray | None = None) -> None:
+    """An OpenEXR file of single floats, [H, W, 3] and where given alpha [H, W]."""
+    channels = {
+        name: np.ascontiguousarray(vectors[..., k], np.float32) for k, name in enumerate("RGB")
+    }
+    if alpha is not None:
+        channels["A"] = np.ascontiguousarray(alpha, np.float32)
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(path))
+
+
+def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Spearman's, ties sharing their mean rank."""
+
+    def ranks(values: np.ndarray) -> np.ndarray:
+        _, inverse, count = np.unique(values, return_inverse=True, return_counts=True)
+        return (np.cumsum(count) - (count - 1) / 2)[inverse]
+
+    return float(np.corrcoef(ranks(a), ranks(b))[0, 1])

@@ -10,8 +10,7 @@ import pytest
 
 from model_runtime.cli import main
 from model_runtime.images import read_vectors, write_exr
-from tests.meshes import atlas_of, box
-from tests.test_surface_maps import write_vectors
+from tests.meshes import atlas_of, box, write_vectors
 
 SIZE = 96
 BLOCK = atlas_of(box((0, 0, 0.5), (1, 1, 1)), SIZE)

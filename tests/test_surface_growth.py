@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -14,7 +16,7 @@ from model_runtime.surface.seams import Seen
 from model_runtime.surface.timing import surface_timing
 from model_runtime.temporal.onset import onset_map
 from model_runtime.temporal.pace import Timing
-from tests.meshes import atlas_of, ball, box, pipe, quad, turned_inside_out
+from tests.meshes import atlas_of, ball, box, pipe, quad, rank_correlation, turned_inside_out
 
 PROCESSES = ("rust", "patina", "char", "drying", "fading", "soiling", "yellowing", "moss")
 BLOCK = box((0, 0, 0.5), (1, 1, 1))
@@ -34,16 +36,6 @@ def block() -> Atlas:
 def onset_of(atlas: Atlas, process: str = "rust", size: int = 256, **settings):
     settings = {"seed": 3, "exposure": Exposure.of(process)} | settings
     return surface_timing(atlas, process, (size, size), **settings)
-
-
-def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Spearman's, ties sharing their mean rank."""
-
-    def ranks(values: np.ndarray) -> np.ndarray:
-        _, inverse, count = np.unique(values, return_inverse=True, return_counts=True)
-        return (np.cumsum(count) - (count - 1) / 2)[inverse]
-
-    return float(np.corrcoef(ranks(a), ranks(b))[0, 1])
 
 
 @pytest.mark.parametrize("process", PROCESSES)
@@ -167,3 +159,14 @@ def test_islands_of_a_few_texels_and_texels_heaped_on_one_place_are_no_trouble()
     normal = np.broadcast_to(np.float32((0, 0, 1)), heap.shape)
     atlas = Atlas(heap, normal, np.ones((64, 64), bool), (0.0, 0.0, 0.0))
     assert np.isfinite(onset_of(atlas, size=64).onset).all()
+
+
+def test_what_is_masked_white_never_starts_and_what_is_gray_starts_late(block):
+    mask = np.zeros(block.covered.shape, np.float32)
+    mask[:80], mask[80:128] = 1, 0.5
+    masked = replace(block, features=block.features | {"blocked": mask})
+    onset = onset_of(masked).onset
+    assert (onset[block.covered & (mask == 1)] == 1).all()
+    free, gray = (onset[block.covered & (mask == level)] for level in (0, 0.5))
+    assert free.max() < 1
+    assert gray.mean() > free.mean() + 0.2

@@ -5,25 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
 from PIL import Image
 
 from model_runtime.errors import InputError
 from model_runtime.images import write_exr
 from model_runtime.surface.maps import read_surface, surface_files
-from tests.meshes import atlas_of, box
+from tests.meshes import atlas_of, box, write_vectors
 
 BLOCK = atlas_of(box((3, 0, 0.5), (1, 1, 1)), 64)
-
-
-def write_vectors(path: Path, vectors: np.ndarray, alpha: np.ndarray | None = None) -> None:
-    channels = {
-        name: np.ascontiguousarray(vectors[..., k], np.float32) for k, name in enumerate("RGB")
-    }
-    if alpha is not None:
-        channels["A"] = np.ascontiguousarray(alpha, np.float32)
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(path))
 
 
 def baked(folder: Path, position: str = "position", normal: str = "normal") -> Path:

@@ -142,6 +142,23 @@ class Atlas:
                 position += slope.take(baked, 0) * step
         return Places(row * width + column, baked, position)
 
+    def beside(
+        self, covered: NDArray[np.bool_], rows: range
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers of the texels of these rows that are not `covered` [H, W], and of a covered one
+        next to each.
+        """
+        height, width = covered.shape
+        old_height, old_width = self.size
+        row, column = np.nonzero(~covered[rows.start : rows.stop])
+        row += rows.start
+        near = (row * 2 + 1) * old_height // (2 * height) * old_width
+        near += (column * 2 + 1) * old_width // (2 * width)
+        old_row, old_column = np.divmod(self._nearest.reshape(-1).take(near), old_width)
+        source = (old_row * 2 + 1) * height // (2 * old_height) * width
+        source += (old_column * 2 + 1) * width // (2 * old_width)
+        return row * width + column, source
+
     def spacing_at(self, size: tuple[int, int]) -> float:
         """Meters from a texel of a map of `size` to the next."""
         return self.spacing * float(np.sqrt(self.covered.size / (size[0] * size[1])))

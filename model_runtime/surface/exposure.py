@@ -23,6 +23,8 @@ __all__ = ("Exposure", "features")
 Array = NDArray[np.float32]
 
 _QUANTILES = (0.02, 0.99)  # of a feature, that become 0 and 1
+_FAINT = 0.6  # power: what is a little sheltered is told from what is not at all
+_BLOCKED = np.float32(3.0)
 _FLAT = 0.02  # a feature that differs by less says nothing
 
 
@@ -58,9 +60,12 @@ class Exposure:
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def susceptibility(self, known: Mapping[str, Array]) -> Array:
-        """The weighted sum of the features [n] that are `known`, at least one."""
+        """The weighted sum of the features [n] that are `known`, at least one; less what is
+        `blocked` of each, which nothing makes up for.
+        """
         weights = self.json()
         weighted = [np.float32(weights[name]) * known[name] for name in weights if name in known]
+        weighted += [-_BLOCKED * known[name] for name in ("blocked",) if name in known]
         return np.sum(weighted, axis=0, dtype=np.float32)
 
 
@@ -109,7 +114,10 @@ def features(atlas: Atlas, points: Points, graph: Graph) -> dict[str, Array]:
     }
     for name, pixels in atlas.features.items():
         found[name] = points.mean_of(pixels)
-    return {name: _from_0_to_1(values, points.area) for name, values in found.items()}
+    return {
+        name: values if name == "blocked" else _from_0_to_1(values, points.area)
+        for name, values in found.items()
+    }
 
 
 def _from_0_to_1(values: Array, area: Array) -> Array:
@@ -118,4 +126,4 @@ def _from_0_to_1(values: Array, area: Array) -> Array:
     low, high = np.interp(_QUANTILES, share, values[order])
     if high - low < _FLAT * max(abs(high), abs(low), 1e-9):
         return np.zeros_like(values)
-    return ((values - low) / (high - low)).clip(0, 1).astype(np.float32)
+    return (((values - low) / (high - low)).clip(0, 1) ** _FAINT).astype(np.float32)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..reading.coverage import nearest_covered
 from ..temporal.pace import Timing
 from ..temporal.processes import growth_of, pace_of
 from ..temporal.ranks import Ranking
@@ -21,6 +20,7 @@ from .growth import WEAR, Chance, grow, usual_unit
 from .interpolation import Interpolation
 from .noise import SpaceNoise
 from .points import sample
+from .runs import deposit
 from .seams import Seen
 
 __all__ = ("SurfaceTiming", "surface_timing")
@@ -30,6 +30,7 @@ Array = NDArray[np.float32]
 _CHUNK = 1 << 16  # texels of a step
 _WORKERS = 2
 _COARSE = 4.0  # spacings of points: noise with cells longer than this is laid on them
+_WHITE = 0.999  # of what blocks: such texels never start
 _CURVE = np.linspace(0, 1, 11).round(1)  # times at which `aged.json` tells how much has started
 
 
@@ -37,12 +38,14 @@ _CURVE = np.linspace(0, 1, 11).round(1)  # times at which `aged.json` tells how 
 class SurfaceTiming:
     """When texels start, 0 to 1 (1: never), and how fast they run, above 0 to 1: [H, W] each.
 
-    What no face covers has what the nearest texel has. `seam_ratio` is None where there is no seam;
-    `account` is `surface` of `aged.json`.
+    `runs` is what water has brought to each texel by the end, 0 to 1, None where it counts for
+    nothing. What no face covers has what the nearest texel has. `seam_ratio` is None where there
+    is no seam; `account` is `surface` of `aged.json`.
     """
 
     onset: Array
     rate: Array
+    runs: Array | None
     seam_ratio: float | None
     account: dict[str, Any]
 
@@ -103,6 +106,15 @@ def surface_timing(
         growth = growth_of(process, None)
         unit = pattern_size / growth.scale
     chance = Chance(process, seed, unit)
+    if exposure.runs:
+        known["runs"] = deposit(
+            points,
+            graph,
+            susceptibility=exposure.susceptibility(known),
+            sky=known["sky"],
+            unit=unit,
+            rng=chance.rng("runs"),
+        )
     arrival = grow(growth, points, graph, exposure=exposure, known=known, chance=chance)
 
     texel = atlas.spacing_at(size)
@@ -114,21 +126,26 @@ def surface_timing(
     )
     ragged = np.float32(growth.raggedness)
     long = arrival / ragged + border.long(points.position), -mottling.long(points.position)
-    field = Interpolation.of(points, graph, np.stack(long, -1))
+    field = Interpolation.of(points, graph, np.stack((*long, known.get("runs", 0 * arrival)), -1))
     onset_ranks, rate_ranks = Ranking(*border.range(long[0])), Ranking(*mottling.range(long[1]))
     covered = atlas.covered_at(size)
-    onset, rate = np.zeros((2, *size), np.float32)
-    worn = atlas.features.get(WEAR)
-    sound = np.ones(atlas.size, np.float32) if worn is None else (worn <= 0.5).astype(np.float32)
-    area = (atlas.area * sound if sound.any() else atlas.area).reshape(-1)
+    onset, rate, runs = np.zeros((3, *size), np.float32)
+    never = np.zeros(size, bool)
+    blocked = atlas.features.get("blocked", np.zeros_like(atlas.area)).reshape(-1) >= _WHITE
+    worn = atlas.features.get(WEAR, np.zeros_like(atlas.area)).reshape(-1) > 0.5
+    area = atlas.area.reshape(-1)
+    if (sound := atlas.covered.reshape(-1) & ~blocked & ~worn).any():
+        area = np.where(sound, area, 0)
 
     def lay(rows: range) -> tuple[Array, Array, Array]:
         """Arrivals and mottling of these rows, not yet ranked, and the area of each texel."""
         places = atlas.places(covered, rows)
-        late, slow = field.at(places.position, points.at(places))
+        late, slow, settled = field.at(places.position, points.at(places))
         late += border.short(places.position)
         slow -= mottling.short(places.position)
-        onset.reshape(-1)[places.texel], rate.reshape(-1)[places.texel] = late, slow
+        for pixels, values in ((onset, late), (rate, slow), (runs, settled.clip(0, 1))):
+            pixels.reshape(-1)[places.texel] = values
+        never.reshape(-1)[places.texel] = blocked.take(places.baked)
         return late, slow, area.take(places.baked)
 
     with ThreadPoolExecutor(_WORKERS) as workers:
@@ -139,14 +156,16 @@ def surface_timing(
     for rows in _chunks(size):
         part = slice(rows.start, rows.stop)
         onset[part] = onset_ranks.paced(onset[part], pace, alike=0.0, amount=amount)
+        onset[part][never[part]] = 1
         if timing is None:
             rate[part] = np.exp(-growth.mottling * np.clip(0.6 - rate[part], 0, 2))
         else:
             rate[part] = rate_ranks.paced(rate[part], pace_of(timing.rate), alike=1.0)
     seen = Seen.of(atlas, onset)
-    if not covered.all():
-        nearest = nearest_covered(covered)
-        onset, rate = (values.reshape(-1)[nearest] for values in (onset, rate))
+    for rows in _chunks(size):
+        beside, source = atlas.beside(covered, rows)
+        for pixels in (onset, rate, runs):
+            pixels.reshape(-1)[beside] = pixels.reshape(-1).take(source)
     account = {
         "maps": ["position", "normal", *sorted(atlas.features.keys() - {WEAR})],
         "points": len(points),
@@ -155,7 +174,7 @@ def surface_timing(
         "exposure": exposure.json(),
         "started": dict(zip(map(str, _CURVE.tolist()), seen.share_below(_CURVE), strict=True)),
     }
-    return SurfaceTiming(onset, rate, seen.seam_ratio(), account)
+    return SurfaceTiming(onset, rate, runs if exposure.runs else None, seen.seam_ratio(), account)
 
 
 def _chunks(size: tuple[int, int]) -> Iterator[range]:
