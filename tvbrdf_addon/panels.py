@@ -10,7 +10,7 @@ import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
 from ..model_runtime.errors import shown
-from . import properties, session
+from . import exposure, properties, session
 from .estimate import in_bytes, in_time
 from .known import known, scene_of
 from .log import said_of
@@ -213,6 +213,19 @@ def _draw_outcome(
 
 
 @_said
+def _draw_start(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    material = known(material_of(context))
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    layout.enabled = session.current() is None and material.library is None
+    layout.prop(material.tvbrdf, "onset")
+    if material.tvbrdf.onset == AUTO:
+        exposure.draw(layout, material.tvbrdf)
+    if is_invertible(material):
+        _draw_onset(layout, context, material)
+
+
+@_said
 def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = known(material_of(context))
     layout.use_property_split = True
@@ -220,12 +233,6 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     layout.enabled = session.current() is None and material.library is None
     settings = material.tvbrdf
     column = layout.column()
-    column.prop(settings, "onset")
-    if settings.onset == AUTO:
-        column.prop(settings, "seed")
-    if is_invertible(material):
-        _draw_onset(column, context, material)
-    column.separator()
     column.prop(settings, "temporal_model")
     row = column.row()
     row.enabled = settings.quality != EXACT
@@ -304,6 +311,19 @@ class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
         _draw_age(known(self.layout), context)
 
 
+class NODE_PT_tvbrdf_start(_SidebarPanel, bpy.types.Panel):
+    bl_label = "Where It Starts"
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return material_of(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_start(known(self.layout), context)
+
+
 class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "NODE_PT_tvbrdf_age"
@@ -324,6 +344,15 @@ class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
         _draw_age(known(self.layout), context)
 
 
+class MATERIAL_PT_tvbrdf_start(_PropertiesPanel, bpy.types.Panel):
+    bl_label = "Where It Starts"
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_start(known(self.layout), context)
+
+
 class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "MATERIAL_PT_tvbrdf_age"
@@ -335,7 +364,9 @@ class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
 
 CLASSES = (
     NODE_PT_tvbrdf_age,
+    NODE_PT_tvbrdf_start,
     NODE_PT_tvbrdf_advanced,
     MATERIAL_PT_tvbrdf_age,
+    MATERIAL_PT_tvbrdf_start,
     MATERIAL_PT_tvbrdf_advanced,
 )

@@ -24,7 +24,7 @@ from ..model_runtime.contract import (
     Told,
 )
 from ..model_runtime.model_files import weights
-from . import preferences
+from . import exposure, preferences
 from .known import scene_of
 from .material.binding.retime import retime
 from .material.nodes.age import frame_range
@@ -124,6 +124,11 @@ def _take_active_attribute(self: TVBRDF_PG_material, context: bpy.types.Context)
     obj = context.object
     if self.onset == "attribute" and not self.onset_attribute and obj and obj.type == "MESH":
         self.onset_attribute = obj.data.color_attributes.active_color_name
+
+
+def _take_exposure_over(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
+    if self.use_own_exposure:
+        exposure.take_over(self.exposure, card_of(self))
 
 
 def _is_start_image(_self: TVBRDF_PG_material, image: bpy.types.Image) -> bool:
@@ -253,6 +258,34 @@ class TVBRDF_PG_material(bpy.types.PropertyGroup):
         default=0,
         min=0,
     )
+    use_own_exposure: bpy.props.BoolProperty(
+        name="My Own Places",
+        description="Say yourself where aging starts, not the model: sliders, set as it has them",
+        default=False,
+        update=_take_exposure_over,
+    )
+    exposure: bpy.props.PointerProperty(
+        name="Places",
+        description="What aging seeks or avoids, where you say so yourself",
+        type=exposure.TVBRDF_PG_exposure,
+    )
+    pattern_size: bpy.props.FloatProperty(
+        name="Pattern Size",
+        description="How large the spots are; 0 fits them to the object",
+        default=0.0,
+        min=0.0,
+        max=1e6,
+        subtype="DISTANCE",
+        unit="LENGTH",
+    )
+    amount: bpy.props.FloatProperty(
+        name="Amount",
+        description="How much of the surface has aged at the end",
+        default=1.0,
+        min=0.01,
+        max=1.0,
+        subtype="FACTOR",
+    )
     specular: bpy.props.EnumProperty(
         name="Highlights",
         description="Color of the aged highlights",
@@ -328,4 +361,4 @@ def unregister() -> None:
     del bpy.types.Material.tvbrdf
 
 
-CLASSES = (TVBRDF_PG_material,)
+CLASSES = (*exposure.CLASSES, TVBRDF_PG_material)

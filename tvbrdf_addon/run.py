@@ -18,7 +18,7 @@ import bpy
 from ..model_runtime.contract import DRAFT, EXACT, LIVE
 from ..model_runtime.errors import Cancelled
 from ..model_runtime.output.commit import recover
-from . import outlook, output, properties
+from . import exposure, outlook, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .growth import grows, growth, needs_no_texels
 from .material.nodes.age import frame_range
@@ -109,6 +109,7 @@ def plan(
             "seed": settings.seed,
             "binding": binding or settings.binding,
             "sparse": settings.quality != EXACT,
+            **exposure.asked(settings),
         },
     )
 

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..contract import check_exposure
-from .atlas import Atlas
-from .graph import Graph
-from .points import Points
+
+if TYPE_CHECKING:  # the add-on reads weights, and has no library for these
+    from .atlas import Atlas
+    from .graph import Graph
+    from .points import Points
 
 __all__ = ("Exposure", "features")
 
