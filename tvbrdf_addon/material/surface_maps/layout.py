@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import bpy
 import mathutils
@@ -25,6 +26,8 @@ Array = NDArray[np.float32]
 _SHARED = 0.02
 # Of a texel, how far UVs may reach out of the map before they count as repeated.
 _BEYOND = 0.5
+# Of the map, how much of what is not the same triangle again is looked at.
+_MOST_LAYERS = 3.0
 _MOST_UV_MAPS = 8
 _NAME = "Age"
 _LOOKED_AT = 512  # texels a side
@@ -75,11 +78,12 @@ def lay_out(
         if _leaves(uv, shape):
             why = f"The UV map of “{material.name}” repeats its textures"
         else:
-            raster = rasterize(uv, shape)
-            if not _is_shared(raster):
-                return Layout(seen, uv, raster, None, (*notes, *_alike(seen.parts)))
-            if not _is_shared(_of_bases(seen.parts, material, uv_map, tiles)):
-                return Layout(seen, uv, raster, None, (*notes, *_alike(seen.parts), _COPIES))
+            found = _seen_once(uv, shape)
+            if found is not None and not found.shared:
+                return Layout(seen, uv, found.raster, None, (*notes, *_alike(seen.parts)))
+            if found is not None and not _share_texels(seen.parts, material, uv_map, tiles):
+                notes = (*notes, *_alike(seen.parts), _COPIES)
+                return Layout(seen, uv, found.raster, None, notes)
             why = f"Faces of “{material.name}” lie on one another in its UV map"
     return _apart(material, scene, frame, seen, name, size, why, notes)
 
@@ -116,9 +120,7 @@ def _is_flat(part: Part) -> bool:
     """Whether most of a part's surface has no place in its UV map."""
     if part.uv is None:
         return True
-    a, b, c = np.moveaxis(part.uv.astype(np.float64), 1, 0)
-    first, second = b - a, c - a
-    flat = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) < 1e-12
+    flat = _uv_areas(part.uv) < 5e-13
     a, b, c = np.moveaxis(part.faces.corners.astype(np.float64), 1, 0)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return bool(area[flat].sum() > area.sum() / 2)
@@ -141,18 +143,40 @@ def _leaves(uv: Array, shape: tuple[int, int]) -> bool:
     return bool((uv < -beyond).any() or (uv > 1 + beyond).any())
 
 
-def _is_shared(raster: Raster) -> bool:
-    inside = np.count_nonzero(raster.centers)
-    return bool(np.count_nonzero(raster.shared) > _SHARED * max(inside, 1))
+class _Once(NamedTuple):
+    """The first at each place of all triangles, and whether more than a few others lie there."""
+
+    raster: Raster
+    shared: bool
 
 
-def _of_bases(
+def _seen_once(uv: Array, shape: tuple[int, int]) -> _Once | None:
+    """What a map shows of triangles [T, 3, 2]; None where they lie on one another many times."""
+    areas = _uv_areas(uv)
+    first = np.sort(np.unique(uv.reshape(len(uv), -1), axis=0, return_index=True)[1])
+    if areas[first].sum() > _MOST_LAYERS:
+        return None
+    raster = rasterize(uv[first], shape)
+    raster = replace(raster, triangles=first[raster.triangles])
+    again = areas.sum() - areas[first].sum()
+    shared = np.count_nonzero(raster.shared) > _SHARED * max(np.count_nonzero(raster.centers), 1)
+    return _Once(raster, bool(shared or again > _SHARED * areas.sum()))
+
+
+def _share_texels(
     parts: Sequence[Part], material: bpy.types.Material, uv_map: str, tiles: Tiles
-) -> Raster:
-    """The meshes without modifiers, which cannot be laid out apart of themselves."""
+) -> bool:
+    """Whether the meshes without modifiers do, which could be laid out apart."""
     bases = [_Base.of(part, material, uv_map) for part in _of_meshes(parts)]
     uv = np.concatenate([base.uv for base in bases if base.uv is not None])
-    return rasterize(_among(tiles, uv), _shape(tiles, _LOOKED_AT))
+    found = _seen_once(_among(tiles, uv), _shape(tiles, _LOOKED_AT))
+    return found is None or found.shared
+
+
+def _uv_areas(uv: Array) -> NDArray[np.float64]:
+    a, b, c = np.moveaxis(uv.astype(np.float64), 1, 0)
+    first, second = b - a, c - a
+    return np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
 
 
 def _of_meshes(parts: Sequence[Part]) -> list[Part]:
@@ -253,15 +277,17 @@ def _apart(
     if not seen.parts:
         return notes
     uv = np.concatenate([part.uv for part in seen.parts if part.uv is not None])
-    raster = rasterize(uv, (size, size))
+    found = _seen_once(uv, (size, size))
+    if found is None:
+        return (*notes, _COPIES)
     notes = (
         *notes,
         f"{why}: when its places age lies in a UV map of its own, “{uv_map.name}”.",
         *_alike(seen.parts),
     )
-    if _is_shared(raster):
+    if found.shared:
         notes = (*notes, _COPIES)
-    return Layout(seen, uv, raster, uv_map, notes)
+    return Layout(seen, uv, found.raster, uv_map, notes)
 
 
 def _why_no_uv_map(parts: Sequence[Part], uv_map: str) -> str | None:
