@@ -6,13 +6,19 @@ import torch
 from torch import Tensor
 
 from .channels import ALPHA, CHANNELS, REFLECTANCES
+from .maps import TorranceSparrowMaps
 
-__all__ = ("clamped", "joined", "perceptual", "with_reflectances", "with_roughness")
+__all__ = ("clamped", "joined", "perceptual", "rows_of", "with_reflectances", "with_roughness")
 
 
 def joined(kd: Tensor, ks: Tensor, alpha: Tensor) -> Tensor:
     """States [..., C] of kd, ks [..., 3] and alpha [...]: the inverse of `channels.optics`."""
     return torch.cat((kd, ks, alpha[..., None]), -1)
+
+
+def rows_of(maps: TorranceSparrowMaps) -> Tensor:
+    """States [H W, C] of maps, a texel after the other."""
+    return torch.from_numpy(maps.planes()).T.contiguous()
 
 
 def with_reflectances(states: Tensor, reflectances: Tensor) -> Tensor:

@@ -12,7 +12,12 @@ from torch import Tensor
 from model_runtime.atomic import check_writable
 from model_runtime.model_files.weights import save_model
 from model_runtime.representation import Trained, build, load_representation
-from model_runtime.representation.latents import Latents, Representation, log_transform
+from model_runtime.representation.latents import (
+    PAPER_SAMPLES,
+    Latents,
+    Representation,
+    log_transform,
+)
 from model_runtime.representation.lobes import LobeRepresentation, compress
 
 from .data.location import data_folder
@@ -25,9 +30,6 @@ from .progress import Progress
 
 __all__ = ("CONFIGS", "EncoderConfig", "train_encoder")
 
-
-_DIRECTIONS = 16_200
-"""The paper's number of samples of a BRDF."""
 
 ATTRIBUTION = (
     "Trained on the MERL BRDF Database (Matusik, Pfister, Brand, McMillan 2003, Mitsubishi "
@@ -93,8 +95,8 @@ CONFIGS = {
         representation="paper",
         iterations=600_000,
         batch=16,
-        samples=16_200,
-        targets=16_200,
+        samples=PAPER_SAMPLES,
+        targets=PAPER_SAMPLES,
         learning_rate=1e-4,
         warm_up=0,
         schedule="constant",
@@ -142,7 +144,7 @@ def training_loss(
     sources = draw_batch(
         measured, config.batch, g, bent=config.bent, torrance_sparrow=config.torrance_sparrow
     )
-    asked = model.sample_angles(_DIRECTIONS)
+    asked = model.sample_angles(PAPER_SAMPLES)
     if config.samples:
         asked = asked[torch.randperm(len(asked), generator=g)[: config.samples]]
     targets = loss_angles(config.targets, g)

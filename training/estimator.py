@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from model_runtime.atomic import check_writable
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.channels import optics
 from model_runtime.errors import shown
 from model_runtime.model_files.weights import save_model
 from model_runtime.modelling.palette import viewed
@@ -110,11 +111,11 @@ def _loss(
     model: ParameterEstimator, latents: Latents, wanted: Tensor, g: torch.Generator
 ) -> Callable[[int], Tensor]:
     """Of a random batch: albedos, alpha as far as it is visible, and what a few of them look like;
-    `wanted` [N, 7] is what the fit finds in `latents`.
+    `wanted` [N, C] is what the fit finds in `latents`.
     """
-    albedos = compress(torch.stack((wanted[:, :3], wanted[:, 3:6]), 2))
-    log_alpha = wanted[:, 6].log()
-    specular = wanted[:, 3:6].mean(1)
+    kd, ks, alpha = optics(wanted)
+    albedos, log_alpha = compress(torch.stack((kd, ks), 2)), alpha.log()
+    specular = ks.mean(1)
     visible = specular / (specular + _VISIBLE)
 
     def loss(_: int) -> Tensor:
@@ -129,7 +130,7 @@ def _loss(
 
 
 def _fitted(latents: Latents, representation: Trained) -> Tensor:
-    """Parameters [N, 7] that the fit finds in latents."""
+    """Parameters [N, C] that the fit finds in latents."""
     angles, flat = fit_angles(), latents.flat()
     parts = (
         representation.decode(latents.unflat(flat[start : start + _FITTED]), angles)
@@ -139,7 +140,7 @@ def _fitted(latents: Latents, representation: Trained) -> Tensor:
 
 
 def _difference(states: Tensor, wanted: Tensor) -> Tensor:
-    """Mean difference [] of what two lists of states [N, 7] look like, tone-mapped."""
+    """Mean difference [] of what two lists of states [N, C] look like, tone-mapped."""
     return (_look(states) - _look(wanted)).abs().mean()
 
 

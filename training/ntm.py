@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.atomic import check_writable
+from model_runtime.channels import NAMES
 from model_runtime.contract import LADDER
 from model_runtime.errors import UsageError, reason, shown
 from model_runtime.model_files.card import ModelCard, check_card
@@ -18,6 +20,7 @@ from model_runtime.model_files.weights import hash_tensors, read_card, save_mode
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Representation, inverse_log_transform
 from model_runtime.representation.paper import PaperRepresentation
+from model_runtime.states import perceptual
 from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
@@ -40,7 +43,6 @@ what is above and below a range.
 """
 
 _DOUBTFUL = 25.0
-_CHANNELS = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,7 @@ def train_ladder(
             "minutes": round(seconds / 60, 2),
             "seed": run.seed,
             "texels": len(source.parameters),
-            "ranges_of": _CHANNELS[channel],
+            "ranges_of": NAMES[channel],
             "out_of_range": round(source.out_of_range, 4),
         },
     }
@@ -240,17 +242,18 @@ def _ranges(initial: Tensor) -> dict[str, list[float]]:
     low, high = initial.quantile(0.01, 0), initial.quantile(0.99, 0)
     return {
         n: [round(float(a), 4), round(float(b), 4)]
-        for n, a, b in zip(_CHANNELS, low, high, strict=True)
+        for n, a, b in zip(NAMES, low, high, strict=True)
     }
 
 
 def _parameter_loss(estimate: Tensor, truth: Tensor, model: Model) -> Tensor:
-    """[B, T, 7]: squared difference in standard deviations, and of square roots (as the eye
+    """[B, T, C]: squared difference in standard deviations, and of square roots (as the eye
     sees).
     """
     standard = (estimate - truth) / model.scale
-    seen = estimate.clamp_min(1e-4).sqrt() - truth.clamp_min(1e-4).sqrt()
-    return standard.square() + 30 * seen.square()
+    # not from 0, where square roots are steep
+    seen = [perceptual(each, least=1e-4, most=math.inf) for each in (estimate, truth)]
+    return standard.square() + 30 * (seen[0] - seen[1]).square()
 
 
 def _paper_loss(estimate: Tensor, truth: Tensor, model: LatentLSTM) -> Tensor:

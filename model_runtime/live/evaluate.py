@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..brdf import principled
 from ..channels import ALPHA, KD, KS, WIDTH, clip_planes, optics
-from ..maps import Pixels
+from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
 __all__ = ("Curves", "LiveMaps")
 
@@ -85,6 +86,13 @@ class LiveMaps:
             start.reshape(-1, channels), self.coefficients.reshape(age.size, -1), age.reshape(-1)
         )
         return state.reshape(start.shape)
+
+    def aged(self, authored: PrincipledMaps, time: float) -> TorranceSparrowMaps:
+        """What texels that were `authored` show at `time`."""
+        start = principled.forward(authored)
+        given = np.concatenate((start.kd, start.ks, authored.roughness[..., None]), -1)
+        kd, ks, r = optics(self.at(given, time).astype(np.float32, copy=False))
+        return TorranceSparrowMaps(kd, ks, np.square(r))
 
 
 def _between(curve: Pixels, age: Pixels) -> Pixels:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model_runtime.atomic import replaced
+from model_runtime.channels import ALPHA, KD, KS
 from model_runtime.errors import InputError, OutputError, reason, shown
 from model_runtime.images import write_exr
 from model_runtime.model_files.card import MOST_AGES
@@ -150,9 +151,9 @@ def initial_values(process: str, *, size: int, rng: Rng) -> tuple[Array, Array, 
     ]
     light, *channels, rough = (g[..., None] for g in grain)
     gain = np.exp(strength * (0.6 * light + 0.25 * np.concatenate(channels, -1)))
-    ks = np.clip(values[..., 3:6] * gain, 0.0, 0.98)
-    kd = np.clip(values[..., 0:3] * gain, 0.0, 0.95 * (1 - ks))
-    alpha = np.clip(values[..., 6:7] * np.exp(1.2 * strength * rough), 0.004, 1.0)
+    ks = np.clip(values[..., KS] * gain, 0.0, 0.98)
+    kd = np.clip(values[..., KD] * gain, 0.0, 0.95 * (1 - ks))
+    alpha = np.clip(values[..., ALPHA] * np.exp(1.2 * strength * rough), 0.004, 1.0)
     return kd.astype(np.float32), ks.astype(np.float32), alpha[..., 0].astype(np.float32)
 
 

@@ -48,7 +48,7 @@ class Mixture:
 class SourceHistories:
     """N texels at T ages evenly spaced from 0 to 1.
 
-    parameters: [N, T, 7] Torrance-Sparrow states (kd, ks, alpha)
+    parameters: [N, T, C] states
     latents: [N, T, D] the same encoded, flat
     observed: [N, T] whether the sequence lasted long enough after the texel's onset to show the
         age, with values that can be rendered; the rest says nothing and is left out of every fit

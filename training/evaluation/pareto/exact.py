@@ -19,7 +19,7 @@ from model_runtime.contract import AUTO, LIVE, PRINCIPLED, REPORT
 from model_runtime.images import read_image
 from model_runtime.live.evaluate import LiveMaps
 from model_runtime.live.files import read_live
-from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from model_runtime.maps import PrincipledMaps
 from model_runtime.model_files.weights import find_model
 from model_runtime.modelling.aged import EFFORTS, Change, model_texels
 from model_runtime.modelling.palette import appearance_psnr
@@ -27,6 +27,7 @@ from model_runtime.modelling.texels import initial_states, timing_maps
 from model_runtime.output.frames import maps_of
 from model_runtime.reading.inputs import read_input
 from model_runtime.representation import load_representation
+from model_runtime.states import rows_of
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ..bench.kept import identity, keep, read_kept
@@ -48,7 +49,7 @@ class Exact:
     """n texels of a material of `size`, modelled each for itself with all samples.
 
     rows: [n] which texels, in row order
-    states: [t, n, 7] (kd, ks, alpha) at `times` [t], 0 to 1, as the written maps would hold them
+    states: [t, n, C] at `times` [t], 0 to 1, as the written maps would hold them
     rung: the model of change
     seconds: of one core that modelling them took
     authored: their own sockets, as an image one texel wide
@@ -98,14 +99,11 @@ class Exact:
         )
         coefficients = interpolated(live.coefficients, self.size, rows)[:, None]
         live = LiveMaps(live.curves, timing, coefficients)
-        given = principled.forward(self.authored)
-        start = np.concatenate((given.kd, given.ks, self.authored.roughness[..., None]), -1)
         found = []
         for time_, truth in zip(self.times, self.states, strict=True):
-            state = live.at(start, time_)
-            aged = TorranceSparrowMaps(state[..., :3], state[..., 3:6], np.square(state[..., 6]))
+            aged = live.aged(self.authored, time_)
             shown = principled.forward(principled.read_back(aged, self.authored))
-            found.append(appearance_psnr(truth, _stacked(shown)))
+            found.append(appearance_psnr(truth, rows_of(shown)))
         return found
 
     def _texels(self, folder: Path, made_of: str | list[Any], color: bool) -> np.ndarray:
@@ -173,18 +171,12 @@ def exact_texels(
 
 
 def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
-    """(kd, ks, alpha) [n, 7] of the sockets that ageing writes, the others as authored."""
+    """States [n, C] of the sockets that ageing writes, the others as authored."""
     written = {name: np.asarray(pixels, np.float32) for name, pixels in maps.items()}
     seen = principled.forward(
         PrincipledMaps(**written, ior=authored.ior, specular_tint=authored.specular_tint)
     )
-    return _stacked(seen)
-
-
-def _stacked(maps: TorranceSparrowMaps) -> Tensor:
-    """(kd, ks, alpha) [n, 7]."""
-    stacked = np.concatenate((maps.kd, maps.ks, maps.alpha[..., None]), -1)
-    return torch.from_numpy(stacked.reshape(-1, 7).copy())
+    return rows_of(seen)
 
 
 def interpolated(pixels: np.ndarray, size: Sequence[int], rows: np.ndarray) -> np.ndarray:

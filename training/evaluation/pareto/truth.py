@@ -13,12 +13,13 @@ from torch import Tensor
 
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.brdf.torrance_sparrow import evaluate
+from model_runtime.channels import WIDTH, optics
 from model_runtime.contract import AUTO, LSTM_LATENTS
 from model_runtime.model_files.weights import ESTIMATOR
 from model_runtime.modelling.aged import Change, Effort, model_texels
 from model_runtime.reading.inputs import hash_file
 from model_runtime.representation.estimator import ParameterEstimator, load_estimator
-from model_runtime.representation.latents import Representation
+from model_runtime.representation.latents import PAPER_SAMPLES, Representation
 from model_runtime.temporal.models import LatentLSTM
 
 from ..bench.kept import identity
@@ -37,8 +38,6 @@ __all__ = ("CASES", "RIVALS", "Truth", "TruthRun", "paper_pipeline_seconds")
 
 CASES = ("s1_a0.8_b0.1", "s2_a0.8_b0.1", "s3")
 RIVALS = ("stt", "staf", "paper")
-
-_PAPER_SAMPLES = 16_200
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ class Truth:
     def paper_seconds(self) -> float:
         """Of one core, that the paper's pipeline takes for a texel and its 36 frames."""
         representation, _ = self._models.encoders["paper"]
-        states = torch.rand(self.paper_texels, 7, generator=torch.Generator().manual_seed(0))
+        states = torch.rand(self.paper_texels, WIDTH, generator=torch.Generator().manual_seed(0))
         return paper_pipeline_seconds(representation, states)
 
     def _run(
@@ -177,15 +176,15 @@ class Truth:
 def paper_pipeline_seconds(
     representation: Representation, states: Tensor, *, frames: int = 36
 ) -> float:
-    """Of one core, for each of `states` [n, 7]: encode 16,200 samples, roll `frames` out, decode
+    """Of one core, for each of `states` [n, C]: encode 16,200 samples, roll `frames` out, decode
     each at the directions of the fit, and fit. How a model was trained does not matter to this.
     """
     model = LatentLSTM(*representation.latent_sizes)
-    angles, wanted = representation.sample_angles(_PAPER_SAMPLES), fit_angles()
+    angles, wanted = representation.sample_angles(PAPER_SAMPLES), fit_angles()
     clock = time.process_time()
     with torch.inference_mode():
         for state in states.split(1):
-            f = evaluate(state[:, :3], state[:, 3:6], state[:, 6], angles)
+            f = evaluate(*optics(state), angles)
             latents = representation.encode(angles, f)
             flat = model.rollout(latents.flat(), frames)
             fit_torrance_sparrow(representation.decode(latents.unflat(flat), wanted))

@@ -14,7 +14,7 @@ from torch import Tensor
 from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import ENCODER, read_card
 from model_runtime.representation import Trained, load_representation
-from model_runtime.representation.latents import Latents
+from model_runtime.representation.latents import PAPER_SAMPLES, Latents
 from model_runtime.representation.paper import PaperRepresentation
 
 from ...baselines import nbrdf
@@ -35,9 +35,8 @@ __all__ = (
 WEIGHTS = Path(__file__).parents[2] / "baselines"
 """Where the rivals' trained weights are."""
 
-_SAMPLES = 16_200
 _TEXEL_SAMPLES = 1_024
-_CURVE = (16, 32, 64, 128, 256, 512, 1_024, 4_096, _SAMPLES)
+_CURVE = (16, 32, 64, 128, 256, 512, 1_024, 4_096, PAPER_SAMPLES)
 _AT_ONCE = 1 << 16
 _TIMED_DIRECTIONS = 2_048
 _MEASURED_BY_NETWORKS = ("merl_seen", "merl_held_out", "rgl")
@@ -126,8 +125,8 @@ class EncoderMethod:
     model: Trained
     trained: Mapping[str, Any]
     together: int = 64
-    samples: int = _SAMPLES
-    texel_samples: int = _SAMPLES
+    samples: int = PAPER_SAMPLES
+    texel_samples: int = PAPER_SAMPLES
     encode: Encode = read_directly
 
     def applies_to(self, name: str) -> bool:
@@ -212,14 +211,14 @@ class NetworkMethod:
         return (
             Setting(16),
             Setting(256),
-            Setting(_SAMPLES, 0.01),
-            Setting(_SAMPLES, 0.1),
-            Setting(_SAMPLES),
+            Setting(PAPER_SAMPLES, 0.01),
+            Setting(PAPER_SAMPLES, 0.1),
+            Setting(PAPER_SAMPLES),
         )
 
     def hold(self, materials: Materials, setting: Setting | None = None) -> Held:
         """Train a network a row, or find those of an earlier run."""
-        setting = setting or Setting(_SAMPLES)
+        setting = setting or Setting(PAPER_SAMPLES)
         texel = materials.texels is not None
         own = self.budget.texel if texel else self.budget.uniform
         training = nbrdf.Training(max(1, round(own * setting.effort)))
@@ -240,7 +239,7 @@ class NetworkMethod:
         some, rows = held[0], torch.arange(held[0].n)
         decode = _seconds(lambda: some.evaluate(rows, angles))
         uniform = [one for one in held if not one.texel] or held
-        samples, iterations, encode_ms = self.point(uniform, Setting(_SAMPLES))
+        samples, iterations, encode_ms = self.point(uniform, Setting(PAPER_SAMPLES))
         return Cost(
             parameters=nbrdf.PARAMETERS,
             latent_dims=nbrdf.PARAMETERS,

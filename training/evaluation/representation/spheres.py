@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from model_runtime.representation import Trained
+from model_runtime.representation.latents import PAPER_SAMPLES
 
 from ...data.nbrdf import load
 from ...metric.sphere import Sphere, tone_map
@@ -158,7 +159,7 @@ def draw_interpolation(model: Trained, sphere: Sphere, shown: int, data: Path, p
     figure = Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(len(PAIRS), columns, squeeze=False)
     share = torch.linspace(0, 1, _STEPS)[:, None]
-    angles = model.sample_angles(16_200)
+    angles = model.sample_angles(PAPER_SAMPLES)
     every = torch.arange(2)
     for axes, pair in zip(grid, PAIRS, strict=True):
         ends = networks.select(list(pair))

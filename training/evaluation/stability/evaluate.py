@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from model_runtime.errors import UsageError
 from model_runtime.model_files.weights import ENCODER
+from model_runtime.states import rows_of
 
 from ...ntm import NTMConfig
 from ..bench.kept import identity, keep, read_kept
@@ -29,7 +30,7 @@ from .results import MethodResult, StabilityReport
 from .runs import Classroom, Outcome
 from .sources import SOURCES
 from .targets import TARGETS
-from .trials import EVERY, Stress, Trial, World, states_at
+from .trials import EVERY, Stress, Trial, World
 
 __all__ = ("STRESSES", "evaluate_stability")
 
@@ -99,7 +100,7 @@ def _description(trial: Trial, settings: str) -> str:
     """What identifies a trial."""
     parts: list[Tensor | str] = [describe(trial.case.source), describe(trial.case.target), settings]
     if trial.given is not None:
-        parts.append(states_at(trial.given))
+        parts.append(rows_of(trial.given))
     if trial.unscored is not None:
         parts.append(torch.from_numpy(trial.unscored))
     rest = (trial.last_only, trial.span, trial.palette, trial.samples, trial.dtype)

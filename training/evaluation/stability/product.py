@@ -18,6 +18,7 @@ from model_runtime.images import read_image
 from model_runtime.maps import TorranceSparrowMaps
 from model_runtime.modelling.aged import EFFORTS, Effort
 from model_runtime.request import request_from
+from model_runtime.states import rows_of
 
 from ..bench.silent import Silent
 from .trials import Trial
@@ -29,7 +30,7 @@ _MAPS = ("kd", "ks", "alpha")
 
 @dataclass(frozen=True)
 class Aged:
-    """`states` [t, H W, 7] of the frames that a trial scores, None where the product refused; and
+    """`states` [t, H W, C] of the frames that a trial scores, None where the product refused; and
     all that it said.
     """
 
@@ -103,8 +104,8 @@ def _write(maps: TorranceSparrowMaps, folder: Path) -> None:
 
 
 def _read(folder: Path, number: int) -> Tensor:
-    """States [H W, 7] of a frame, counted from 1."""
+    """States [H W, C] of a frame, counted from 1."""
     kd, ks, alpha = (
         read_image(folder / frame_file(name, number - 1), color=name != "alpha") for name in _MAPS
     )
-    return torch.from_numpy(np.concatenate((kd, ks, alpha[..., None]), -1).reshape(-1, 7))
+    return rows_of(TorranceSparrowMaps(kd, ks, alpha))

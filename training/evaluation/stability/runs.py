@@ -14,7 +14,7 @@ from numpy.polynomial import Chebyshev
 from scipy.spatial import KDTree
 from torch import Tensor, nn
 
-from model_runtime.channels import ALPHA_MIN
+from model_runtime.channels import ALPHA, ALPHA_MIN, REFLECTANCES, optics
 from model_runtime.errors import InputError
 from model_runtime.model_files.weights import save_model
 from model_runtime.modelling.palette import build_palette
@@ -154,7 +154,7 @@ def _lengthened(ntm: NeuralTemporalModel, frames: int) -> NeuralTemporalModel:
 def _scored_states(
     trial: Trial, stage: GivenStage, states: Tensor, pixels: Tensor | None
 ) -> Outcome:
-    """Of states [t, H W, 7] in the scored frames, looked at in `pixels` (None: all)."""
+    """Of states [t, H W, C] in the scored frames, looked at in `pixels` (None: all)."""
     pixels = torch.arange(len(stage.texels)) if pixels is None else pixels
     shown = states[:, stage.texels[pixels]]
     outcome = _scored(trial, stage, stage.sphere.render(clamped(shown), pixels), pixels)
@@ -169,17 +169,18 @@ def _scored_states(
 
 
 def _out_of_gamut(states: Tensor, true: Tensor, given: Tensor) -> Tensor:
-    """Which of `states` [t, p, 7] cannot be rendered as they are, though the `true` ones can, or
-    reflect three times as much as those, as `given` [p, 7], and as all light.
+    """Which of `states` [t, p, C] cannot be rendered as they are, though the `true` ones can, or
+    reflect three times as much as those, as `given` [p, C], and as all light.
     """
 
     def unfit(some: Tensor) -> Tensor:
-        albedos, alpha = some[..., :6], some[..., 6]
-        dark = (albedos < -_SLACK).any(-1)
+        dark = (some[..., REFLECTANCES] < -_SLACK).any(-1)
+        alpha = some[..., ALPHA.start]
         return dark | (alpha < ALPHA_MIN - _SLACK) | (alpha > 1 + _SLACK)
 
     def reflected(some: Tensor) -> Tensor:
-        return (some[..., :3] + some[..., 3:6]).amax(-1)
+        kd, ks, _ = optics(some)
+        return (kd + ks).amax(-1)
 
     usual = torch.maximum(reflected(true), reflected(given)).clamp_min(1)
     return (unfit(states) & ~unfit(true)) | (reflected(states) > _BRIGHTEST * usual)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from model_runtime.brdf import torrance_sparrow
+from model_runtime.channels import optics
 from model_runtime.contract import LADDER
 from model_runtime.maps import TorranceSparrowMaps
 
@@ -22,7 +23,7 @@ from ...data.synthetic import from_pbr
 from ..synthesis.cases import Case
 from ..synthesis.stage import Stage
 
-__all__ = ("EVERY", "GivenStage", "Stress", "Trial", "World", "grown", "states_at")
+__all__ = ("EVERY", "GivenStage", "Stress", "Trial", "World", "grown")
 
 EVERY = ("ours", "paper", "stt", "staf", *LADDER)
 """The methods of the report, as `synthesis_methods` names them."""
@@ -107,12 +108,6 @@ def grown(
     return Sequence(kd, ks, alpha, times, None, World.PROCESS)
 
 
-def states_at(maps: TorranceSparrowMaps) -> Tensor:
-    """[H W, 7] (kd, ks, alpha) of maps."""
-    stacked = np.concatenate((maps.kd, maps.ks, maps.alpha[..., None]), -1)
-    return torch.from_numpy(stacked.reshape(-1, 7))
-
-
 @dataclass(frozen=True)
 class Trial:
     """One stress at one severity.
@@ -162,7 +157,7 @@ class GivenStage(Stage):
         if self.given is None or frame > 0:
             return super().values(frame, pixels, angles)
         some = self.start[self.texels[pixels]]
-        return torrance_sparrow.evaluate(some[:, :3], some[:, 3:6], some[:, 6], angles)
+        return torrance_sparrow.evaluate(*optics(some), angles)
 
 
 @dataclass(frozen=True)

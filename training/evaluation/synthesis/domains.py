@@ -215,13 +215,13 @@ def chart_domains(results: Mapping[str, DomainResult], path: Path) -> bool:
 
 
 def _tile(process: str, seed: int) -> Tensor:
-    """Initial states [1024, 7] of another tile of `process`."""
+    """Initial states [1024, C] of another tile of `process`."""
     first = generate(process, size=_SIZE, frames=2, seed=seed)
     return _drawn(np.concatenate((first.kd[0], first.ks[0], first.alpha[0][..., None]), -1))
 
 
 def _materials(names: Sequence[str], data: Path) -> dict[str, Tensor]:
-    """Initial states [m, 7] of textures and of measured materials `folder/name` in `data`."""
+    """Initial states [m, C] of textures and of measured materials `folder/name` in `data`."""
     return {name: _material(name, data) for name in names}
 
 
@@ -238,6 +238,6 @@ def _material(path: str, data: Path) -> Tensor:
 
 
 def _drawn(maps: NDArray[np.float32]) -> Tensor:
-    """A thousand texels of [H, W, 7]."""
-    flat = torch.from_numpy(maps.reshape(-1, 7)).float()
+    """A thousand texels of [H, W, C]."""
+    flat = torch.from_numpy(maps.reshape(-1, maps.shape[-1])).float()
     return flat[:: max(1, len(flat) // _TEXELS)]

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from model_runtime.age import AgeRequest, age
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.channels import ALPHA, KD, KS
 from model_runtime.contract import AUTO, TORRANCE_SPARROW
 from model_runtime.images import write_exr
 from model_runtime.model_files.weights import ENCODER, MODELS, find_model
@@ -156,7 +157,7 @@ def _aged(
 
 
 def _states(data: Path, ntm: str, material: str, frames: int, model: str) -> tuple[Tensor, bool]:
-    """States [T, H, W, 7] as the product writes them, and whether it found the material foreign."""
+    """States [T, H, W, C] as the product writes them, and whether it found the material foreign."""
     with tempfile.TemporaryDirectory() as folder:
         request = AgeRequest(
             _input(data, material, Path(folder) / "input"),
@@ -180,9 +181,9 @@ def _input(data: Path, material: str, folder: Path) -> Path:
         return data / "pbr" / material
     measured = load(data, "merl").select([material.removeprefix(MERL)])
     fit = fit_torrance_sparrow(measured.evaluate(torch.arange(1), fit_angles()))
-    state = fit.parameters().numpy()[0]
+    state = fit.parameters().numpy()
     folder.mkdir()
-    write_exr(folder / "kd.exr", state[None, None, :3])
-    write_exr(folder / "ks.exr", state[None, None, 3:6])
-    write_exr(folder / "alpha.exr", state[None, None, 6])
+    write_exr(folder / "kd.exr", state[None, :, KD])
+    write_exr(folder / "ks.exr", state[None, :, KS])
+    write_exr(folder / "alpha.exr", state[None, :, ALPHA.start])
     return folder

@@ -11,16 +11,16 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
-from model_runtime.contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS
+from model_runtime.contract import LADDER, LSTM_LATENTS
 from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import ENCODER
-from model_runtime.modelling.compose import AgedTexels
+from model_runtime.modelling.aged import Change
+from model_runtime.modelling.compose import AgedTexels, anchored
 from model_runtime.modelling.palette import Palette
 from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.latents import Latents
 from model_runtime.states import clamped
-from model_runtime.temporal.domain import FOREIGN_SHARE
 from model_runtime.temporal.models import LatentLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
@@ -107,7 +107,7 @@ class Decoded:
         return self._render(stage, each[0], flat, pixels)
 
     def fitted(self, stage: Stage, gain: Tensor, pixels: Tensor) -> Tensor:
-        """States [T, p, 7] of the rollout as textures would hold them: fitted, and anchored to the
+        """States [T, p, C] of the rollout as textures would hold them: fitted, and anchored to the
         fit of the first frame.
         """
         first = self._encode(stage, 0, pixels)
@@ -118,8 +118,7 @@ class Decoded:
         ]
         states = torch.cat([fit.parameters() for fit in fits]).unflatten(0, flat.shape[:2])
         start = stage.start[stage.texels[pixels]]
-        anchored = states + gain * (start - states[:, 0])[:, None]
-        return clamped(anchored.transpose(0, 1))
+        return clamped(anchored(states, start, gain).transpose(0, 1))
 
     def _rolled_out(self, first: Latents, frames: int) -> Tensor:
         """Latents [p, frames, D]."""
@@ -167,10 +166,7 @@ class Rung:
         """
         if self.name is not None:
             return self.name
-        foreign = float(self.ntm.domain.outside(stage.start).float().mean())
-        if foreign > FOREIGN_SHARE and self.ntm.chosen != CONSTANT:
-            return AFFINE
-        return self.ntm.chosen
+        return self.ntm.suited(stage.start)[0]
 
     def dear(self, stage: Stage) -> bool:
         """Where latents are rolled out."""
@@ -187,12 +183,14 @@ class Rung:
         if stage.measured:
             return self.decoded().ceiling(stage, frames, pixels)
         start = stage.start[stage.texels[pixels]]
-        seen = {frame: self._seen(stage, frame, pixels) for frame in dict.fromkeys((0, *frames))}
-        states = [seen[f] + self.ntm.affine.gain[f] * (start - seen[0]) for f in frames]
-        return stage.sphere.render(clamped(torch.stack(states)), pixels)
+        every = [0, *frames]
+        seen = {frame: self._seen(stage, frame, pixels) for frame in dict.fromkeys(every)}
+        histories = torch.stack([seen[frame] for frame in every], 1)
+        states = anchored(histories, start, self.ntm.affine.gain[every])[:, 1:]
+        return stage.sphere.render(clamped(states.transpose(0, 1)), pixels)
 
     def states(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
-        """[t, p, 7], clamped to what can be rendered."""
+        """[t, p, C], clamped to what can be rendered."""
         rung = self.rung(stage)
         if stage.measured and rung == LSTM_LATENTS:
             return self.decoded().fitted(stage, self.ntm.affine.gain, pixels)[frames]
@@ -208,27 +206,22 @@ class Rung:
         onset: Tensor | None = None,
         rate: Tensor | None = None,
     ) -> AgedTexels:
-        """Texels that start as `start` [n, 7], as in `model_runtime.age`: without `onset` [n] all
+        """Texels that start as `start` [n, C], as in `model_runtime.age`: without `onset` [n] all
         change as those of the source did on average.
         """
         palette = palette or Palette(start, torch.arange(len(start)))
         histories = roll_out(
             palette.entries, self.ntm, rung, self.representation, samples=self.samples
         )
-        gain = self.ntm.affine.gain
-        gain = torch.ones_like(gain) if rung == CONSTANT else gain
-        texels = AgedTexels(start, palette, histories, gain, onset, rate)
-        timing = self.ntm.timing
-        if onset is not None or timing is None:
-            return texels
-        return texels.averaged(torch.from_numpy(timing.mean_of_ages(self.ntm.frames)))
+        change = Change(self.ntm, rung, self.representation)
+        return change.aged(start, palette, histories, onset, rate)
 
     def decoded(self) -> Decoded:
         """The ladder's last rung, with nothing added."""
         return Decoded(self.representation, self.ntm.latents)
 
     def _seen(self, stage: Stage, frame: int, pixels: Tensor) -> Tensor:
-        """States [p, 7] as the representation sees them."""
+        """States [p, C] as the representation sees them."""
         angles = self.representation.sample_angles(_SAMPLES)
         latents = self.representation.encode(angles, stage.values(frame, pixels, angles))
         return fit_torrance_sparrow(self.representation.decode(latents, fit_angles())).parameters()

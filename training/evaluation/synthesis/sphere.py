@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.torrance_sparrow import specular_lobe
-from model_runtime.channels import ALPHA_MIN
+from model_runtime.channels import ALPHA_MIN, optics
 
 from ...metric.sphere import Sphere
 from ..bench.kept import identity, keep, read_kept
@@ -75,12 +75,12 @@ class TexturedSphere:
         return (2 * row + 1) * height // (2 * side) * width + (2 * column + 1) * width // (2 * side)
 
     def render(self, states: Tensor, pixels: Tensor | None = None) -> Tensor:
-        """Radiance [T, E, p, 3] of Torrance-Sparrow `states` [T, p, 7] that can be rendered, at
+        """Radiance [T, E, p, 3] of Torrance-Sparrow `states` [T, p, C] that can be rendered, at
         `pixels` [p] (all by default).
         """
         chosen = torch.arange(states.shape[1]) if pixels is None else pixels
-        kd, ks, alpha = states.split((3, 3, 1), 2)
-        lobes = torch.stack([self._specular(a, chosen) for a in alpha[..., 0]])
+        kd, ks, alpha = optics(states)
+        lobes = torch.stack([self._specular(a, chosen) for a in alpha])
         radiance = kd[:, :, None] * self.diffuse[chosen] + ks[:, :, None] * lobes
         return radiance.transpose(1, 2)
 

@@ -15,7 +15,7 @@ from model_runtime.brdf import torrance_sparrow
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.channels import optics
 from model_runtime.maps import TorranceSparrowMaps
-from model_runtime.states import clamped
+from model_runtime.states import clamped, rows_of
 
 from ...data.location import data_folder
 from ...data.nbrdf import load
@@ -62,14 +62,12 @@ class Stage:
 
     @cached_property
     def start(self) -> Tensor:
-        """The first frame's states [H W, 7]."""
-        maps = self.initial
-        stacked = np.concatenate((maps.kd, maps.ks, maps.alpha[..., None]), -1)
-        return torch.from_numpy(stacked.reshape(-1, 7))
+        """The first frame's states [H W, C]."""
+        return rows_of(self.initial)
 
     @cached_property
     def _shown(self) -> Tensor:
-        """The truth in pixels: clamped states [T, P, 7], or weights [T, P] of a mixture."""
+        """The truth in pixels: clamped states [T, P, C], or weights [T, P] of a mixture."""
         target = self.case.target
         if isinstance(target, MixtureSequence):
             return torch.from_numpy(target.weights).flatten(1)[:, self.texels]

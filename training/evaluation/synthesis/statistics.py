@@ -4,9 +4,13 @@ places, a map is as good as it is distributed, and as it is patterned.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
+
+from model_runtime.states import perceptual
 
 from ...source.onsets import radial_covariance
 
@@ -38,10 +42,10 @@ def autocorrelation_distance(first: NDArray[np.floating], second: NDArray[np.flo
 
 
 def map_distances(truth: torch.Tensor, estimate: torch.Tensor) -> tuple[float, float]:
-    """Histogram and autocorrelation distance of two textures [H, W, 7] (kd, ks, alpha), each the
+    """Histogram and autocorrelation distance of two textures [H, W, C], each the
     mean over the maps that the truth does not leave at 0; values are square roots, as the eye sees.
     """
-    a, b = (values.clamp_min(0).sqrt().numpy() for values in (truth, estimate))
+    a, b = (perceptual(values, most=math.inf).numpy() for values in (truth, estimate))
     maps = [i for i in range(a.shape[-1]) if a[..., i].any() or b[..., i].any()]
     return (
         float(np.mean([histogram_distance(a[..., i], b[..., i]) for i in maps])),

@@ -33,7 +33,7 @@ _EVERY = 5
 
 
 def states_with_true_onset(stage: Stage, rung: Rung, frames: list[int], pixels: Tensor) -> Tensor:
-    """States [t, p, 7] of a target whose texels are told when to start."""
+    """States [t, p, C] of a target whose texels are told when to start."""
     target = stage.case.target
     assert isinstance(target, Sequence) and target.onset is not None
     texels = stage.texels[pixels]
@@ -71,7 +71,7 @@ def spot_statistics(stage: Stage, rung: Rung, estimated: Rung | None = None) -> 
         rows = []
         for frame, true in zip(frames, truth, strict=True):
             time = frame / (stage.frames - 1)
-            pairs = [map_distances(true, v.at(time).view(*size, 7)) for v in variants]
+            pairs = [map_distances(true, v.at(time).view(*size, -1)) for v in variants]
             rows.append((float(frame), *np.mean(pairs, 0).tolist()))
         found[name] = torch.tensor(rows)
     return found

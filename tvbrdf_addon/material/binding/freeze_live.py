@@ -11,7 +11,7 @@ import numpy as np
 from ....model_runtime.brdf import principled
 from ....model_runtime.contract import FORMATS, PRINCIPLED, PRINCIPLED_EXACT
 from ....model_runtime.live.evaluate import LiveMaps
-from ....model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
+from ....model_runtime.maps import PrincipledMaps
 from ...errors import MaterialError
 from ...output import free_folder
 from ..nodes.age import age_at
@@ -106,11 +106,7 @@ def _authored(folder: Path, size: tuple[int, int]) -> PrincipledMaps:
 
 def _sockets(files: LiveFiles, authored: PrincipledMaps, age: float) -> dict[str, Array]:
     """The result's maps at `age`, by name."""
-    start = principled.forward(authored)
-    y0 = np.concatenate((start.kd, start.ks, authored.roughness[..., None]), -1)
-    state = _evaluator(files).at(y0, age).astype(np.float32)
-    kd, ks, roughness = state[..., :3], state[..., 3:6], state[..., 6]
-    aged = TorranceSparrowMaps(kd, ks, np.square(roughness))
+    aged = _evaluator(files).aged(authored, age)
     if files.format == PRINCIPLED_EXACT:
         return dict(zip(FORMATS[files.format], principled.exact(aged), strict=True))
     shown = principled.read_back(aged, authored) if files.format == PRINCIPLED else aged
