@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..model_runtime.contract import AUTO, LIVE, AgeRequest
+from ..model_runtime.contract import AUTO, LIVE
 from .errors import MaterialError
 
 if TYPE_CHECKING:
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ("Growth", "grows", "growth", "needs_no_texels")
 
-# Whether the worker can grow aging on a surface, and give its timing a layout of its own.
-_CAN, _CAN_APART = (name in AgeRequest.__dataclass_fields__ for name in ("surface", "timing_apart"))
 _IN_FRAMES = (
     "Places that share texels age alike in frames: show the material live where they are to differ."
 )
@@ -38,12 +36,12 @@ class Growth:
 
 def grows(request: dict[str, Any]) -> bool:
     """Whether a run of this request is to know the surface."""
-    return _CAN and request["onset"] == AUTO
+    return request["onset"] == AUTO
 
 
 def needs_no_texels(request: dict[str, Any]) -> bool:
     """Whether a place may age by a UV map that is made for it."""
-    return grows(request) and _CAN_APART and request["binding"] == LIVE
+    return grows(request) and request["binding"] == LIVE
 
 
 def growth(
@@ -71,5 +69,5 @@ def growth(
     if maps.own is None:
         return Growth({"surface": str(maps.folder)}, None, maps.notes)
     if not apart:
-        return Growth(notes=(_IN_FRAMES,) if request["binding"] != LIVE else ())
+        return Growth(notes=(_IN_FRAMES,))
     return Growth({"surface": str(maps.folder), "timing_apart": True}, maps.own, maps.notes)

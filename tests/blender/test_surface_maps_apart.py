@@ -128,3 +128,13 @@ def test_text_has_a_way_out(tmp_path):
     assert maps.folder is None
     assert "“Text” is no mesh" in maps.notes[0]
     assert "Object > Convert > Mesh" in maps.notes[0]
+
+
+def test_a_plain_mesh_without_uvs_is_not_refused_where_a_map_is_made_for_it():
+    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
+
+    material = new_material()
+    obj = without_uvs(material)[0]
+    assert why_not(material, obj) is None
+    material.tvbrdf.binding = "frames"
+    assert "has no UV map" in str(why_not(material, obj))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ....model_runtime.contract import EVERYWHERE
+from ....model_runtime.contract import AUTO, EVERYWHERE, LIVE
 from ...errors import MaterialError
 from ..nodes.record import is_aged, require_local
 from ..nodes.surface import find_principled
@@ -69,8 +69,16 @@ def _why_not_sockets(
     if space.reads_uv:
         return why_no_uv(owner, obj)
     # A plain material needs UVs only for the pattern in which it starts.
-    if space.kind != "uniform" or owner.tvbrdf.onset == EVERYWHERE:
+    settings = owner.tvbrdf
+    if space.kind != "uniform" or settings.onset == EVERYWHERE:
         return None
+    if (
+        settings.onset == AUTO
+        and settings.binding == LIVE
+        and obj is not None
+        and obj.type == "MESH"
+    ):
+        return None  # a UV map is made for that
     reason = why_no_uv(owner, obj)
     return reason and f"{reason.removesuffix('.')}, or set Start to Everywhere at Once."
 
