@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 
 import bpy
-from scrub_scene import build, show_result, summary, timed
+from scrub_scene import build, shading, show_result, size_of, summary, timed
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -31,18 +31,21 @@ def extension() -> ModuleType:
 def main() -> None:
     folder, output, data = sys.argv[1:]
     tvbrdf = extension()
-    material = build()
+    material = build(size_of(Path(folder)))
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.resolution_x = scene.render.resolution_y = 64
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
     scene.render.use_persistent_data = data == "persistent"
     still = timed(range(1, 8), bpy.ops.render.render)
+    unaged = shading("CYCLES") if scene.render.use_persistent_data else 0.0
     facts = show_result(tvbrdf.__name__, material, Path(folder))
     frames = range(1, facts["frames"] + 1)
     first = timed(frames, bpy.ops.render.render)
     again = timed(frames, bpy.ops.render.render)
     facts |= {"viewer": f"Cycles, 64 px, 1 sample, {data}"} | summary(still, first, again)
+    if scene.render.use_persistent_data:
+        facts["shading_core_s"] = {"unaged": unaged, "aged": shading("CYCLES")}
     Path(output).write_text(json.dumps(facts), encoding="utf-8")
     tvbrdf.unregister()
 

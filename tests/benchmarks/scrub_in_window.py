@@ -14,7 +14,7 @@ from pathlib import Path
 
 import bpy
 import gpu
-from scrub_scene import build, show_result, summary, timed
+from scrub_scene import build, shading, show_result, size_of, summary, timed
 from windowed_steps import (
     EXCHANGE,
     EXTENSION,
@@ -24,6 +24,7 @@ from windowed_steps import (
     shoot,
 )
 
+ENGINE = "BLENDER_EEVEE_NEXT" if bpy.app.version < (5, 0) else "BLENDER_EEVEE"
 # Shaders are compiled by software, too.
 PATIENCE = 120.0
 
@@ -68,11 +69,12 @@ def wait_for_shaders(area: bpy.types.Area, last: int) -> Steps:
 
 
 def measure(folder: Path) -> Generator[float, None, dict[str, object]]:
-    material = build()
+    material = build(size_of(folder))
     yield 1.0
     area = prepare()
     yield 5.0
     still = timed(range(1, 6), draw)
+    unaged = shading(ENGINE)
     facts = show_result(EXTENSION, material, folder)
     frames = range(1, facts["frames"] + 1)
     first = timed(frames, draw)
@@ -81,6 +83,7 @@ def measure(folder: Path) -> Generator[float, None, dict[str, object]]:
     shoot(folder.name)
     facts["viewer"] = f"Material Preview, {area.width} x {area.height} px"
     facts |= summary(still, first, again)
+    facts["shading_core_s"] = {"unaged": unaged, "aged": shading(ENGINE)}
     return facts
 
 

@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import bmesh
 import bpy
+import numpy as np
 
-__all__ = ("Taken", "build", "show_result", "summary", "timed")
+__all__ = ("Taken", "build", "shading", "show_result", "size_of", "summary", "timed")
 
 
-def build() -> bpy.types.Material:
-    """Nothing but a lit sphere before a camera; the sphere's material."""
+def build(size: int) -> bpy.types.Material:
+    """Nothing but a lit sphere before a camera; the sphere's material, of four maps `size` wide."""
     # No other file, which would have another window.
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
@@ -25,6 +26,7 @@ def build() -> bpy.types.Material:
     material = bpy.data.materials.new("Scrubbed")
     if bpy.app.version < (5, 0):
         material.use_nodes = True
+    _add_maps(material, size)
     sphere = bpy.data.objects.new("Sphere", _mesh())
     sphere.data.materials.append(material)
     light = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
@@ -35,6 +37,25 @@ def build() -> bpy.types.Material:
         scene.collection.objects.link(obj)
     scene.camera = camera
     return material
+
+
+def _add_maps(material: bpy.types.Material, size: int) -> None:
+    """As an artist has them: base color and three gray ones, of 8 bits, random."""
+    tree, rng = material.node_tree, np.random.default_rng(0)
+    principled = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    for name in ("Base Color", "Metallic", "Roughness", "Specular IOR Level"):
+        image = bpy.data.images.new(name, size, size)
+        texel = np.ones((size, size, 4), np.float32)
+        texel[..., :3] = rng.random((size, size, 3 if name == "Base Color" else 1), np.float32)
+        image.pixels.foreach_set(texel.ravel())
+        # A file, as images that are only in memory are handed over anew on every render.
+        image.filepath_raw = str(Path(bpy.app.tempdir) / f"{name}.png")
+        image.file_format = "PNG"
+        image.save()
+        image.source = "FILE"
+        node = tree.nodes.new("ShaderNodeTexImage")
+        node.image = image
+        tree.links.new(node.outputs["Color"], principled.inputs[name])
 
 
 def _mesh() -> bpy.types.Mesh:
@@ -77,6 +98,34 @@ def show_result(extension: str, material: bpy.types.Material, folder: Path) -> d
     }
 
 
+def size_of(folder: Path) -> int:
+    """How wide the maps of a result are."""
+    return json.loads((folder / "aged.json").read_text(encoding="utf-8"))["size"][1]
+
+
+def shading(engine: str) -> float:
+    """Core seconds of a picture, 256 px and 16 samples, of a scene that nothing changes."""
+    scene = bpy.context.scene
+    before = {name: getattr(scene.render, name) for name in _RENDERED}
+    samples = scene.cycles.samples, scene.eevee.taa_render_samples
+    scene.render.engine = engine
+    scene.render.resolution_x = scene.render.resolution_y = 256
+    scene.cycles.samples = scene.eevee.taa_render_samples = 16
+    bpy.ops.render.render()
+    taken = []
+    for _ in range(2):
+        worked = time.process_time()
+        bpy.ops.render.render()
+        taken.append(time.process_time() - worked)
+    for name, value in before.items():
+        setattr(scene.render, name, value)
+    scene.cycles.samples, scene.eevee.taa_render_samples = samples
+    return round(min(taken), 3)
+
+
+_RENDERED = ("engine", "resolution_x", "resolution_y")
+
+
 class Taken(NamedTuple):
     """What a frame took: seconds, and seconds of all threads on whatever cores they had."""
 
@@ -110,5 +159,5 @@ def summary(still: list[Taken], first: list[Taken], again: list[Taken]) -> dict[
     work["worst"] = max(each.core_seconds for each in again)
     return {
         "fps": {name: round(1 / each, 2) for name, each in seconds.items()},
-        "core_ms": {name: round(1000 * each) for name, each in work.items()},
+        "core_ms": {name: round(1000 * each, 1) for name, each in work.items()},
     }

@@ -26,6 +26,7 @@ from tests.blender.windowed import AVAILABLE, run_in_window
 
 HERE = Path(__file__).resolve().parent
 EVERY = 4
+COEFFICIENTS = (0, 4, 12)
 CHANNELS = {"base_color": 3, "metallic": 1, "specular": 1, "roughness": 1}
 WINDOW_SECONDS = 1500
 
@@ -80,7 +81,8 @@ def gather(results: list[Path], place: Path, sizes: list[int], frames: int) -> l
         for size in sizes:
             for kind, every in (("every_frame", 1), ("sparse", EVERY)):
                 make_result(place / f"{kind}_{size}", size, frames, every)
-            made_up_live(place / f"live_{size}", size=(size, size))
+            for count in COEFFICIENTS:
+                made_up_live(place / f"live_{count}_{size}", count=count, size=(size, size))
     return sorted(place.iterdir())
 
 

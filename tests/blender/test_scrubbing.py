@@ -10,8 +10,9 @@ from tests.benchmarks import scrubbing
 from tests.blender.windowed import needs_window
 
 pytestmark = pytest.mark.slow
-KINDS = ["every_frame_32", "live_32", "sparse_32"]
-FILES = {"every_frame_32": 36, "live_32": 4, "sparse_32": 12}
+KINDS = ["every_frame_32", "live_0_32", "live_12_32", "live_4_32", "sparse_32"]
+FILES = {"every_frame_32": 36, "live_0_32": 2, "live_12_32": 6, "live_4_32": 4, "sparse_32": 12}
+MAPS = 4  # of the material itself
 
 
 @pytest.fixture
@@ -20,11 +21,14 @@ def results(tmp_path: Path) -> list[Path]:
 
 
 def check(facts: dict, name: str) -> None:
-    frames = 36 if name == "live_32" else 9
+    live = name.startswith("live")
+    frames = 36 if live else 9
     assert (facts["result"], facts["size"], facts["frames"]) == (name, [32, 32], frames)
     assert facts["files"] == FILES[name]
-    assert (facts["sequences"] == 0) == (name == "live_32")
-    assert facts["sequences"] + facts["stills"] >= 3
+    assert (facts["sequences"] == 0) == live
+    # Of a live one all files are textures, but the curves.
+    textures = FILES[name] - 1 if live else 3
+    assert facts["sequences"] + facts["stills"] >= MAPS + textures
     assert all(each > 0 for each in (*facts["fps"].values(), *facts["core_ms"].values()))
 
 
