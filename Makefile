@@ -18,10 +18,11 @@ PIP_INSTALL = -m pip install --quiet --disable-pip-version-check
 READY = .venv/ready .venv-blender/ready build/wheels/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo extension wheels test test-blenders types format clean
+.PHONY: help demo objects extension wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
+	@echo "make objects        age five objects by every model, into out/objects.png"
 	@echo "make extension      build the zip to install in Blender (WHEELS=none: without torch)"
 	@echo "make test           lint, types and every test, in real Blender too"
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
@@ -34,6 +35,11 @@ demo: $(READY)
 	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
 	    .venv-blender/bin/python tests/demo/demo.py "$$extension" out/demo \
 	&& .venv/bin/python tests/demo/contact_sheet.py out/demo
+
+objects: $(READY)
+	@mkdir -p out && extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
+	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
+	    .venv-blender/bin/python tests/demo/weathered_objects.py "$$extension" out/objects.png
 
 extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/ready)
 	@.venv/bin/python .ci/extension.py build --wheels "$(WHEELS)" --output build
