@@ -2,12 +2,13 @@
 
     BLENDER_USER_RESOURCES=PROFILE python weathered_objects.py EXTENSION.zip OUTPUT.png [MODEL ...]
 
-A row a model, three pictures an object.  Each object is aged by the extension as an artist does it,
+Prints the seam ratio of each, and what growing it took.  A row a model, three pictures an object.  Each object is aged by the extension as an artist does it,
 with all defaults but for the size.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shutil
@@ -211,7 +212,13 @@ def main() -> None:
             started = time.monotonic()
             with tempfile.TemporaryDirectory() as folder:
                 row += tiles(build, model, Path(folder))
-            print(f"{model} on {build.__name__}: {time.monotonic() - started:.0f} s", flush=True)
+                (report,) = Path(folder).rglob("aged.json")
+                told = json.loads(report.read_text(encoding="utf-8"))
+            seams, onset = told.get("seam_ratio"), told["seconds"]["onset"]
+            took = time.monotonic() - started
+            print(
+                f"{model} on {build.__name__}: seams {seams}, {onset} s of {took:.0f}", flush=True
+            )
         rows.append(np.concatenate(row, 1))
     save(np.concatenate(rows[::-1], 0), Path(output).resolve())
 
