@@ -2,8 +2,8 @@
 
     BLENDER_USER_RESOURCES=PROFILE python weathered_objects.py EXTENSION.zip OUTPUT.png [MODEL ...]
 
-Prints the seam ratio of each, and what growing it took.  A row a model, three pictures an object.  Each object is aged by the extension as an artist does it,
-with all defaults but for the size.
+A row a model, three pictures an object.  Each object is aged by the extension as an artist does it,
+with all defaults but for the size.  Prints the seam ratio of each, and what growing it took.
 """
 
 from __future__ import annotations
