@@ -15,11 +15,11 @@ from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import LatentLSTM, ParameterLSTM
 from training.data.kinetics import PROCESSES
 from training.data.weathering import generate
+from training.evaluation.synthesis.charts import chart_domains
 from training.evaluation.synthesis.domains import (
     FITTING,
     FOREIGN,
     DomainResult,
-    chart_domains,
     domain_roc,
     judged,
     roc,

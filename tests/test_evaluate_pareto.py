@@ -12,19 +12,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from model_runtime.age import AgeRequest, age
-from model_runtime.errors import InputError
+from model_runtime.age import AgeRequest
+from model_runtime.errors import UsageError
 from tests.saved_figures import points_of, rounded, saved_figures
 from training.__main__ import main
-from training.evaluation.bench.silent import Silent
+from training.evaluation.bench.ageing import age_silently
+from training.evaluation.bench.kept import kept_json
 from training.evaluation.pareto.chart import draw_chart
 from training.evaluation.pareto.evaluate import evaluate_pareto
 from training.evaluation.pareto.exact import compared, exact_texels, interpolated
 from training.evaluation.pareto.report import tables
 from training.evaluation.pareto.results import better_than
-from training.evaluation.pareto.runs import kept_json
 from training.evaluation.pareto.settings import SETTINGS, setting
-from training.evaluation.synthesis.training import Effort
+from training.evaluation.synthesis.sources import Effort
 from training.ntm import NTMConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -57,7 +57,7 @@ def evaluate(data: Path, output: Path):
         latents_texels=4,
         materials=(MATERIAL,),
         settings=[setting(name) for name in MEASURED],
-        teaching=TINY,
+        effort=TINY,
         paper_texels=1,
     )
 
@@ -175,18 +175,20 @@ class TestExact:
         """The command itself, on a whole map, against what is modelled of some of its texels."""
         material = data_folder / "pbr" / MATERIAL
         found = exact_texels(
-            material, "rust", "auto", size=16, frames=6, texels=50, kept=tmp_path / "kept"
+            material, "rust", "auto", size=16, frames=6, texels=50, folder=tmp_path / "kept"
         )
         assert found.rows.shape == (50,) and found.states.shape == (5, 50, 7)
         request = AgeRequest(material, "rust", tmp_path / "out", frames=6, size=16, quality="exact")
-        assert age(request, Silent())["temporal_model"] == found.rung
+        assert age_silently(request)["temporal_model"] == found.rung
         assert min(found.psnr(tmp_path / "out")) == pytest.approx(100)
 
     def test_fewer_frames_show_the_nearest(self, data_folder: Path, tmp_path: Path):
         material = data_folder / "pbr" / MATERIAL
-        found = exact_texels(material, "rust", "auto", size=16, frames=5, texels=50, kept=tmp_path)
+        found = exact_texels(
+            material, "rust", "auto", size=16, frames=5, texels=50, folder=tmp_path
+        )
         request = AgeRequest(material, "rust", tmp_path / "out", frames=2, size=16, quality="exact")
-        age(request, Silent())
+        age_silently(request)
         psnr = found.psnr(tmp_path / "out")
         assert psnr[-1] == pytest.approx(100)
         assert max(psnr[:-1]) < 60
@@ -259,7 +261,7 @@ def test_kept_json_is_made_again_only_where_it_must(tmp_path: Path):
 
 
 def test_what_does_not_exist_is_said(data_folder: Path, tmp_path: Path, capsys, monkeypatch):
-    with pytest.raises(InputError, match="'Wood'"):
+    with pytest.raises(UsageError, match="'Wood'"):
         evaluate_pareto(data_folder, tmp_path, materials=("Wood",))
     words = ("training", "evaluate", "pareto", "--methods", "ours", "--output", str(tmp_path))
     monkeypatch.setattr(sys, "argv", list(words))

@@ -17,11 +17,16 @@ from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import save_model
 from model_runtime.representation import build
 from tests.saved_figures import points_of, rounded, saved_figures, texts_of
-from training.evaluation.representation.evaluate import Curve, evaluate_representation
+from training.evaluation.bench.charts import LOOKS
+from training.evaluation.representation.evaluate import (
+    Curve,
+    evaluate_representation,
+    score,
+    truth,
+)
 from training.evaluation.representation.methods import METHODS, Budget, load_methods
 from training.evaluation.representation.report import main_table
 from training.evaluation.representation.results import Cell, Report
-from training.evaluation.representation.scoring import score, truth
 from training.evaluation.representation.sets import BAD_FITS, FRAMES, SETS, UNIFORM, material_sets
 from training.metric.sphere import MAPS, Sphere
 
@@ -203,12 +208,13 @@ def test_a_changed_method_is_rendered_again(sphere: Sphere, data_folder: Path, t
     path = tmp_path / "kept.safetensors"
     exact = score(sphere, materials, radiance, materials.evaluate, path)
     written = path.stat().st_mtime_ns
-    assert score(sphere, materials, radiance, materials.evaluate, path).scores == exact.scores
+    again = score(sphere, materials, radiance, materials.evaluate, path)
     assert path.stat().st_mtime_ns == written
-    darker = score(sphere, materials, radiance, lambda *at: 0.5 * materials.evaluate(*at), path)
     (name,) = materials.names
-    assert exact.scores[name] == pytest.approx(100)
-    assert darker.scores[name] < 30
+    assert again[name].score == exact[name].score
+    darker = score(sphere, materials, radiance, lambda *at: 0.5 * materials.evaluate(*at), path)
+    assert exact[name].score == pytest.approx(100)
+    assert darker[name].score < 30
 
 
 def test_trained_rivals_are_read_from_their_files(data_folder: Path, tmp_path: Path):
@@ -245,8 +251,8 @@ def test_missing_weights_and_unknown_names_are_said(tmp_path: Path, data_folder:
 
 
 def test_colours_and_markers_of_methods_differ():
-    assert len({entry.color for entry in METHODS.values()}) == len(METHODS)
-    assert len({entry.marker for entry in METHODS.values()}) == len(METHODS)
+    assert len({LOOKS[name].color for name in METHODS}) == len(METHODS)
+    assert len({LOOKS[name].marker for name in METHODS}) == len(METHODS)
 
 
 def test_a_texture_of_one_material_looks_like_that_material(sphere: Sphere):

@@ -19,11 +19,11 @@ from model_runtime.representation import load_representation
 from tests.ageing import frames_of, run
 from training.data.weathering import generate
 from training.evaluation.stability.evaluate import STRESSES, evaluate_stability
-from training.evaluation.stability.restart import killed_school
+from training.evaluation.stability.restart import killed_training
 from training.evaluation.stability.results import MethodResult, StabilityReport
 from training.evaluation.stability.runs import Outcome
-from training.evaluation.stability.trials import EVERY, World
-from training.evaluation.synthesis.training import Effort, School
+from training.evaluation.stability.trials import EVERY, TrialSetup
+from training.evaluation.synthesis.sources import Effort, SourceModels
 from training.ntm import NTMConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -63,22 +63,22 @@ class TestStresses:
             assert stress.methods == EVERY or stress.note, f"{name} must say what it leaves out"
 
     def test_the_first_severity_harms_nothing(self, data_folder):
-        world = World(data_folder, SIZE)
+        setup = TrialSetup(data_folder, SIZE)
         for name in ("noise", "nan", "foreign_part", "foreign_mixed", "source_flicker"):
             stress = STRESSES[name]
-            trial = stress.make(world, stress.severities[0])
-            np.testing.assert_array_equal(trial.case.target.kd[0], world.start.kd)
-            np.testing.assert_array_equal(trial.case.source.kd, world.source.kd)
+            trial = stress.make(setup, stress.severities[0])
+            np.testing.assert_array_equal(trial.case.target.kd[0], setup.start.kd)
+            np.testing.assert_array_equal(trial.case.source.kd, setup.source.kd)
             if trial.given is not None:
-                np.testing.assert_array_equal(trial.given.kd, world.start.kd)
+                np.testing.assert_array_equal(trial.given.kd, setup.start.kd)
 
     def test_jpeg_gets_worse(self, data_folder):
-        world = World(data_folder, SIZE)
+        setup = TrialSetup(data_folder, SIZE)
         jpeg = STRESSES["jpeg"]
         errors = [
-            np.abs(given.kd - world.start.kd).mean()
+            np.abs(given.kd - setup.start.kd).mean()
             for quality in jpeg.severities
-            if (given := jpeg.make(world, quality).given) is not None
+            if (given := jpeg.make(setup, quality).given) is not None
         ]
         assert errors[0] < 0.02 < 5 * errors[0] < errors[-1]
 
@@ -139,7 +139,7 @@ class TestReport:
         def never(*args):
             raise AssertionError("it ran again")
 
-        monkeypatch.setattr("training.evaluation.stability.evaluate.Classroom.run", never)
+        monkeypatch.setattr("training.evaluation.stability.evaluate.Trials.run", never)
         again = evaluate(data_folder, output)
         assert again.json()["stresses"] == report.json()["stresses"]
 
@@ -185,10 +185,10 @@ class TestRestart:
         source = replace(generate("fading", size=8), onset=None)
         representation, encoder = load_representation(ENCODER)
         effort = replace(TINY, ladder=NTMConfig(iterations=30, batch=8))
-        whole = School(tmp_path, effort)
+        whole = SourceModels(tmp_path, effort)
         truth = whole.ladder("x", source, representation, encoder).tensors()
-        killed = killed_school(whole, "x", source, 0.3)
-        assert list(killed.kept.glob("*.checkpoint.safetensors")), "it had begun"
-        assert not list(killed.kept.glob("ntm_x.safetensors")), "and had not ended"
+        killed = killed_training(whole, "x", source, 0.3)
+        assert list(killed.folder.glob("*.checkpoint.safetensors")), "it had begun"
+        assert not list(killed.folder.glob("ntm_x.safetensors")), "and had not ended"
         resumed = killed.ladder("x", source, representation, encoder).tensors()
         assert all(torch.equal(resumed[name], value) for name, value in truth.items())

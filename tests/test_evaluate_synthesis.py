@@ -17,22 +17,23 @@ from model_runtime.model_files.weights import save_model
 from model_runtime.representation import build
 from tests.saved_figures import saved_figures, texts_of
 from training.data.sequences import MixtureSequence, Sequence
+from training.evaluation.bench.ageing import texels_of
+from training.evaluation.bench.charts import LOOKS
+from training.evaluation.bench.spheres import TexturedSphere
 from training.evaluation.synthesis import scoring as synthesis_scoring
-from training.evaluation.synthesis.cases import CASES, GRID, make_cases, mixed_weights, states_of
-from training.evaluation.synthesis.charts import TITLES
+from training.evaluation.synthesis.cases import CASES, GRID, make_cases, mixed_weights
 from training.evaluation.synthesis.evaluate import evaluate_synthesis
 from training.evaluation.synthesis.methods import METHODS, load_models, method_for
 from training.evaluation.synthesis.report import PUBLISHED, averages_table
 from training.evaluation.synthesis.results import CaseResult, Curve, SynthesisReport, averaged
-from training.evaluation.synthesis.sphere import TexturedSphere
+from training.evaluation.synthesis.sources import Effort, SourceModels
 from training.evaluation.synthesis.stage import Stage, as_parameters
 from training.evaluation.synthesis.statistics import (
+    STATISTICS,
     autocorrelation_distance,
     histogram_distance,
     map_distances,
 )
-from training.evaluation.synthesis.timing import STATISTICS
-from training.evaluation.synthesis.training import Effort, School
 from training.metric.sphere import psnr
 from training.ntm import NTMConfig
 
@@ -58,7 +59,7 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def sphere(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> TexturedSphere:
     kept = tmp_path_factory.mktemp("sphere")
-    return TexturedSphere.load(data_folder / "hdri", pixels=SIZE, stride=3, kept=kept)
+    return TexturedSphere.load(data_folder / "hdri", pixels=SIZE, stride=3, folder=kept)
 
 
 def evaluate(data: Path, output: Path, weights: Path, **options) -> SynthesisReport:
@@ -91,7 +92,7 @@ def check_strip(figure: Figure) -> None:
     texts = texts_of(figure)
     frames = [text for text in texts if text.startswith("frame ")]
     assert frames == [f"frame {k}" for k in (1, 9, 18, 27, 36)]
-    assert {TITLES[method] for method in METHODS} <= set(texts)
+    assert {LOOKS[method].title for method in METHODS} <= set(texts)
     assert len([text for text in texts if text.endswith(" dB")]) == 4 * len(METHODS)
     pictures = [np.asarray(ax.images[0].get_array(), float) for ax in figure.axes]
     truth, *rows = (pictures[k : k + 5] for k in range(0, len(pictures), 5))
@@ -132,7 +133,7 @@ class TestReport:
     ):
         """All but what is damaged, which is made again, and comes out the same."""
         kept = {path: path.stat().st_mtime_ns for path in (output / "kept").iterdir()}
-        damaged = output / "kept" / "s2_a10_b02_Wood049_stt.safetensors"
+        damaged = output / "kept" / "s2_a10_b02_Wood049_stt.json"
         damaged.write_bytes(damaged.read_bytes()[:-50])
         again = evaluate(data_folder, output, weights)
         now = {path: path.stat().st_mtime_ns for path in (output / "kept").iterdir()}
@@ -194,13 +195,13 @@ class TestCases:
     def test_s1_and_s2_are_the_paper_s_at_the_last_frame(self, data_folder: Path):
         """t = 1, written out from section 4.3: delta and beta are in the target's first frame."""
         (first,) = list(make_cases(data_folder, ("s1_a0.6_b0.05",), size=SIZE))[:1]
-        start, end = states_of(first.target)[[0, -1]].unbind()
+        start, end = texels_of(first.target)[[0, -1]].unbind()
         torch.testing.assert_close(end[..., 0], start[..., 0] / 2.56)
         torch.testing.assert_close(end[..., 1], 0.6 + start[..., 1] / 1.6)
         torch.testing.assert_close(end[..., 2], start[..., 2] * 1.5 / 0.9 + 0.6)
         torch.testing.assert_close(end[..., 3:], start[..., 3:])
         (second,) = list(make_cases(data_folder, ("s2_a1.0_b0.2",), size=SIZE))[:1]
-        start, end = states_of(second.target)[[0, -1]].unbind()
+        start, end = texels_of(second.target)[[0, -1]].unbind()
         torch.testing.assert_close(
             end[..., :3], 0.1 * start[..., :3] + torch.tensor((0.9, 0.4, 0.15))
         )
@@ -212,13 +213,13 @@ class TestCases:
         cases = {c.name: c for c in make_cases(data_folder, cells, size=SIZE) if "Wood" in c.key}
         plain, rough, other = (cases[name] for name in cells)
         assert plain.source_key == rough.source_key != other.source_key
-        torch.testing.assert_close(states_of(plain.source), states_of(rough.source))
-        gained = states_of(rough.target)[0] - states_of(plain.target)[0]
+        torch.testing.assert_close(texels_of(plain.source), texels_of(rough.source))
+        gained = texels_of(rough.target)[0] - texels_of(plain.target)[0]
         torch.testing.assert_close(gained[..., 6], torch.full((SIZE, SIZE), 0.2))
         assert bool((gained[..., :6] == 0).all())
-        shifted = states_of(plain.target)[0, ..., 0] - states_of(other.target)[0, ..., 0]
+        shifted = texels_of(plain.target)[0, ..., 0] - texels_of(other.target)[0, ..., 0]
         torch.testing.assert_close(shifted, torch.full((SIZE, SIZE), 0.1))
-        assert not torch.equal(states_of(plain.source)[0], states_of(other.target)[0])
+        assert not torch.equal(texels_of(plain.source)[0], texels_of(other.target)[0])
 
     def test_the_first_frame_of_a_mixture_tells_its_phase(self):
         weights = mixed_weights(16, 1).astype(np.float64)
@@ -230,7 +231,7 @@ class TestCases:
     def test_spots_start_where_the_first_frame_does_not_say(self, data_folder: Path):
         (case,) = make_cases(data_folder, ("s4",), size=32)
         assert isinstance(case.target, Sequence) and case.target.onset is not None
-        states, onset = states_of(case.target), torch.from_numpy(case.target.onset)
+        states, onset = texels_of(case.target), torch.from_numpy(case.target.onset)
         turned = (states[18] - states[0]).abs().amax(-1) > 0
         assert bool((turned == (onset < float(case.target.times[18]))).all())
         assert 0.1 < turned.float().mean() < 0.9
@@ -277,8 +278,8 @@ class TestSphere:
 
 class TestMethods:
     def models(self, weights: Path, kept: Path, *names: str):
-        school = School(kept, TINY)
-        return load_models(names, school, encoder=weights / "lobes.safetensors", weights=weights)
+        sources = SourceModels(kept, TINY)
+        return load_models(names, sources, encoder=weights / "lobes.safetensors", weights=weights)
 
     def test_stt_gives_the_source_back(self, data_folder, sphere, weights, tmp_path):
         (case,) = list(make_cases(data_folder, ("s2_a0.6_b0",), size=16))[:1]
@@ -307,7 +308,7 @@ class TestMethods:
         representation, encoder = models.encoders["ours"]
         written = []
         for effort in (TINY, TINY, replace(TINY, texels=20)):
-            School(tmp_path, effort).ladder("wood", case.source, representation, encoder)
+            SourceModels(tmp_path, effort).ladder("wood", case.source, representation, encoder)
             written.append((tmp_path / "ntm_wood.safetensors").stat().st_mtime_ns)
         assert written[0] == written[1] < written[2]
         assert [path.name for path in tmp_path.iterdir()] == ["ntm_wood.safetensors"]

@@ -55,7 +55,7 @@ class TestEstimate:
         assert np.abs(onset - sequence.onset).mean() < 1 / 35  # a frame
 
     def test_spots_of_which_the_first_frame_says_nothing(self, data_folder: Path):
-        sequence = spots(data_folder, PATCH, seed=1)
+        sequence = spots(from_pbr(data_folder / "pbr" / "Metal032", PATCH), seed=1)
         onset = estimate_onset(shown(sequence))
         assert onset is not None and sequence.onset is not None
         assert alike(onset, sequence.onset) > 0.99

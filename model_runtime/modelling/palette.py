@@ -21,6 +21,7 @@ __all__ = (
     "build_palette",
     "look",
     "stored_frames",
+    "tone_map",
     "viewed",
     "viewed_psnr",
     "viewing_angles",
@@ -109,11 +110,16 @@ def viewed_psnr(truth: Tensor, estimate: Tensor) -> float:
     return float(-10 * error.clamp_min(1e-10).log10())
 
 
-def look(f: Tensor) -> Tensor:
-    """Radiance pi f, so that a white diffuse surface is 1, tone-mapped as in the paper's section
-    4.2.
+def tone_map(radiance: Tensor, exposure: float = 1.0) -> Tensor:
+    """(1 - exp(-2 v))^(1 / 2.8), the gamma correction of the paper's section 4.2, of radiance v,
+    which is at least 0, times the exposure.
     """
-    return (1 - torch.exp(-2 * torch.pi * f)).pow(1 / 2.8)
+    return (1 - torch.exp(-2 * exposure * radiance)).pow(1 / 2.8)
+
+
+def look(f: Tensor) -> Tensor:
+    """Radiance pi f, so that a white diffuse surface is 1, tone-mapped."""
+    return tone_map(f, torch.pi)
 
 
 def appearance_psnr(truth: Tensor, estimate: Tensor) -> float:

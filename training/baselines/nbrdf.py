@@ -19,7 +19,7 @@ from torch import Tensor
 
 from model_runtime.brdf.half_angle import cosines
 
-from ..evaluation.bench.kept import identity, keep, read_kept
+from ..evaluation.bench.kept import identity, kept
 from ..loop import Schedule, optimise
 
 __all__ = ("Networks", "Training", "cached_fit", "fit")
@@ -120,15 +120,14 @@ def cached_fit(path: Path, angles: Tensor, f: Tensor, training: Training = Train
 
     A file that is missing, damaged or made from anything else is replaced.
     """
-    made_from = identity(repr(training), angles, f)
-    count = len(_SIZES) - 1
-    kept = read_kept(path, made_from)
-    if kept is not None:
-        layers = tuple((kept[f"weight{i}"], kept[f"bias{i}"]) for i in range(count))
-        return Networks(layers, kept["seconds"].item())
-    networks = fit(angles, f, training)
-    tensors = {"seconds": torch.tensor(networks.seconds)}
-    for i, (weight, bias) in enumerate(networks.layers):
-        tensors |= {f"weight{i}": weight, f"bias{i}": bias}
-    keep(path, tensors, made_from)
-    return networks
+
+    def make() -> dict[str, Tensor]:
+        networks = fit(angles, f, training)
+        tensors = {"seconds": torch.tensor(networks.seconds)}
+        for i, (weight, bias) in enumerate(networks.layers):
+            tensors |= {f"weight{i}": weight, f"bias{i}": bias}
+        return tensors
+
+    found = kept(path, identity(repr(training), angles, f), make)
+    layers = tuple((found[f"weight{i}"], found[f"bias{i}"]) for i in range(len(_SIZES) - 1))
+    return Networks(layers, found["seconds"].item())

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.half_angle import from_directions
+from model_runtime.modelling import palette
 
 from .radiance import read_radiance
 
@@ -23,8 +24,8 @@ Evaluate = Callable[[Tensor], Tensor]
 
 
 def tone_map(radiance: Tensor) -> Tensor:
-    """(1 - exp(-2 v))^(1 / 2.8), the paper's gamma correction."""
-    return (1 - torch.exp(-2 * radiance.clamp_min(0))).pow(1 / 2.8)
+    """As pixels are shown, 0 to 1; what is less than nothing is black."""
+    return palette.tone_map(radiance.clamp_min(0))
 
 
 def psnr(truth: Tensor, estimate: Tensor) -> Tensor:

@@ -1,49 +1,54 @@
-"""Results that are dear, kept in safetensors files under the identity of what they were made
-from.
-"""
+"""Results that are dear, kept in files under the identity of what they were made from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
 from model_runtime.atomic import replaced
+from model_runtime.model_files.weights import hash_tensors
 
-__all__ = ("identity", "keep", "read_kept")
+__all__ = ("identity", "kept", "kept_json")
 
 
 def identity(*ingredients: Tensor | str) -> str:
     """A digest of texts and of the values of tensors, in order."""
-    digest = sha256()
-    for ingredient in ingredients:
-        if isinstance(ingredient, str):
-            digest.update(ingredient.encode())
-        else:
-            digest.update(f"{tuple(ingredient.shape)}{ingredient.dtype}".encode())
-            digest.update(ingredient.contiguous().numpy().tobytes())
-    return digest.hexdigest()
+    texts = (each if isinstance(each, str) else hash_tensors({"": each}) for each in ingredients)
+    return sha256("\n".join(texts).encode()).hexdigest()
 
 
-def keep(path: Path, tensors: Mapping[str, Tensor], made_from: str) -> None:
-    """Write `tensors` to `path`, whole or not at all."""
-    contiguous = {name: value.contiguous() for name, value in tensors.items()}
-    with replaced(path, parents=True) as beside:
-        beside.write_bytes(save(contiguous, {"made_from": made_from}))
-
-
-def read_kept(path: Path, made_from: str) -> dict[str, Tensor] | None:
-    """What `keep` wrote to `path`; None for a file that is missing, damaged or made from anything
-    else, which is to be made again.
+def kept(path: Path, made_from: str, make: Callable[[], Mapping[str, Tensor]]) -> dict[str, Tensor]:
+    """The tensors at `path`, by name. Where they are missing, damaged or made from anything else,
+    they are those that `make` gives, and are written there whole or not at all.
     """
     try:
         with safe_open(path, framework="pt") as stored:
-            if (stored.metadata() or {}).get("made_from") != made_from:
-                return None
-            return {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
+            if (stored.metadata() or {}).get("made_from") == made_from:
+                return {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except (OSError, SafetensorError):
-        return None
+        pass
+    tensors = {name: value.contiguous() for name, value in make().items()}
+    with replaced(path, parents=True) as beside:
+        beside.write_bytes(save(tensors, {"made_from": made_from}))
+    return tensors
+
+
+def kept_json(path: Path, made_from: str, make: Callable[[], Any]) -> Any:
+    """The JSON value at `path`, as `kept` does it."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        if stored["made_from"] == made_from:
+            return stored["value"]
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    value = make()
+    with replaced(path, parents=True) as beside:
+        beside.write_text(json.dumps({"made_from": made_from, "value": value}), encoding="utf-8")
+    return value

@@ -30,7 +30,7 @@ from model_runtime.representation import load_representation
 from model_runtime.states import rows_of
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
-from ..bench.kept import identity, keep, read_kept
+from ..bench.kept import identity, kept
 
 __all__ = ("Exact", "compared", "exact_texels", "interpolated")
 
@@ -124,17 +124,17 @@ def exact_texels(
     size: int,
     frames: int,
     texels: int,
-    kept: Path,
+    folder: Path,
     seed: int = 0,
 ) -> Exact:
     """`texels` random ones of `material` (all, where it has fewer), aged by `rung` (or "auto") of
     the bundled model `ntm_name` with the onset that `age --size size` gives them. What was modelled
-    stays in the folder `kept`.
+    stays in `folder`.
     """
     representation, encoder = load_representation()
     ntm_path = find_model(ntm_name)
     ntm = NeuralTemporalModel.load(ntm_path, encoder)
-    request = AgeRequest(material, ntm_name, kept, size=size, seed=seed)
+    request = AgeRequest(material, ntm_name, folder, size=size, seed=seed)
     read = read_input(material, size=size)
     assert isinstance(read, PrincipledMaps)
     initial, shape, _ = initial_states(read, request)
@@ -149,11 +149,11 @@ def exact_texels(
     authored = read.map(lambda pixels: pixels.reshape(len(initial), 1, *pixels.shape[2:])[rows])
     times = tuple(k / (frames - 1) for k in compared(frames))
 
-    path = kept / f"exact_{size}_{material.name}_{rung}.safetensors"
+    path = folder / f"exact_{size}_{material.name}_{rung}.safetensors"
     model = identity(*ntm.tensors().values())
     made_from = identity(initial[chosen], encoder, model, f"{rung} {times} {seed} {size}")
-    stored = read_kept(path, made_from)
-    if stored is None:
+
+    def make() -> dict[str, Tensor]:
         start = time.process_time()
         aged = model_texels(
             initial[chosen],
@@ -165,9 +165,10 @@ def exact_texels(
         seconds = time.process_time() - start
         maps = maps_of(aged, authored, (len(rows), 1), PRINCIPLED, times)
         states = torch.stack([_states(maps.at(moment), authored) for moment in times])
-        stored = {"states": states, "seconds": torch.tensor(seconds)}
-        keep(path, stored, made_from)
-    return Exact(chosen, stored["states"], times, shape, rung, float(stored["seconds"]), authored)
+        return {"states": states, "seconds": torch.tensor(seconds)}
+
+    found = kept(path, made_from, make)
+    return Exact(chosen, found["states"], times, shape, rung, float(found["seconds"]), authored)
 
 
 def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from model_runtime.age import AgeRequest, age
+from model_runtime.age import AgeRequest
 from model_runtime.images import write_exr
 
-from ..bench.silent import Silent
+from ..bench.ageing import age_silently, megabytes
 
 __all__ = ("large_run", "uniform_run", "warm_worker")
 
@@ -26,17 +26,16 @@ _CLICKS = 5
 _CHILD = """
 import json, sys, time
 from pathlib import Path
-from model_runtime.age import AgeRequest, age
-from training.evaluation.bench.silent import Silent
+from model_runtime.age import AgeRequest
+from training.evaluation.bench.ageing import age_silently, megabytes
 material, ntm, output, size, frames, binding = sys.argv[1:]
 request = AgeRequest(
     Path(material), ntm, Path(output), size=int(size), frames=int(frames), binding=binding
 )
 wall, core = time.perf_counter(), time.process_time()
-report = age(request, Silent())
+report = age_silently(request)
 print(json.dumps({"wall": time.perf_counter() - wall, "core": time.process_time() - core,
-    "peak_rss_mb": report["peak_rss_mb"],
-    "megabytes": sum(path.stat().st_size for path in Path(output).glob("*.exr")) / 1e6}))
+    "peak_rss_mb": report["peak_rss_mb"], "megabytes": megabytes(Path(output))}))
 """
 
 
@@ -50,14 +49,8 @@ def large_run(
     """
     with tempfile.TemporaryDirectory(dir=beside) as output:
         words = [str(material), ntm, f"{output}/maps", str(size), str(frames), binding]
-        done = subprocess.run(
-            [sys.executable, "-c", _CHILD, *words],
-            cwd=_ROOT,
-            check=True,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-    return json.loads(done.stdout)
+        said = subprocess.check_output([sys.executable, "-c", _CHILD, *words], cwd=_ROOT)
+    return json.loads(said)
 
 
 def uniform_run(ntm: str, *, frames: int, size: int, beside: Path) -> Mapping[str, Any]:
@@ -69,18 +62,15 @@ def uniform_run(ntm: str, *, frames: int, size: int, beside: Path) -> Mapping[st
         with tempfile.TemporaryDirectory(dir=beside) as place:
             source = Path(place) / "in"
             source.mkdir()
-            for map_name, shape in (
-                ("kd", (side, side, 3)),
-                ("ks", (side, side, 3)),
-                ("alpha", (side, side)),
-            ):
-                write_exr(source / f"{map_name}.exr", np.full(shape, 0.2, np.float32))
+            for map_name, channels in (("kd", (3,)), ("ks", (3,)), ("alpha", ())):
+                pixels = np.full((side, side, *channels), 0.2, np.float32)
+                write_exr(source / f"{map_name}.exr", pixels)
             output = Path(place) / "out"
             clock = time.process_time()
-            age(AgeRequest(source, ntm, output, frames=frames, onset="none"), Silent())
+            age_silently(AgeRequest(source, ntm, output, frames=frames, onset="none"))
             found[name] = {
                 "core": round(time.process_time() - clock, 3),
-                "megabytes": round(sum(p.stat().st_size for p in output.glob("*.exr")) / 1e6, 3),
+                "megabytes": round(megabytes(output), 3),
             }
     return found
 
@@ -103,13 +93,8 @@ def warm_worker(material: Path, ntm: str, *, size: int, beside: Path) -> dict[st
             for click in range(1 + _CLICKS):
                 if click:
                     start = time.perf_counter()
-                args = {
-                    "input": str(material),
-                    "ntm": ntm,
-                    "output": f"{output}/maps",
-                    "size": size,
-                    "frames": 2,
-                }
+                args = {"input": str(material), "ntm": ntm, "output": f"{output}/maps"}
+                args |= {"size": size, "frames": 2}
                 worker.stdin.write(json.dumps({"id": click, "verb": "age", "args": args}) + "\n")
                 worker.stdin.flush()
                 first = None

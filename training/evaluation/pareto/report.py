@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..bench.results import table
 from .results import ParetoReport, Point
 
 __all__ = ("tables",)
@@ -18,37 +19,19 @@ def tables(report: ParetoReport) -> str:
 
 def _figures(report: ParetoReport) -> str:
     marks = {True: "yes", False: "**no**", None: ""}
-    lines = ["| figure | asked | measured | met |", "|---|---|---|---|"]
-    for figure in report.figures:
-        measured = figure.measured + " (extrapolated)" * figure.extrapolated
-        lines.append(f"| {figure.name} | {figure.asked} | {measured} | {marks[figure.met]} |")
-    return "\n".join(lines)
+    rows = [
+        [f.name, f.asked, f.measured + " (extrapolated)" * f.extrapolated, marks[f.met]]
+        for f in report.figures
+    ]
+    return table(("figure", "asked", "measured", "met"), rows)
 
 
 def _points(report: ParetoReport) -> str:
-    lines = [
-        "| setting | core s | wall s | dB against exact, mean / worst material | MB "
-        "| dB against the truth | core s to model it | front |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for point in report.points:
-        psnr = "" if point.mean is None else f"{point.mean:.1f} / {min(point.psnr.values()):.1f}"
-        truth = (
-            ("", "")
-            if point.truth is None
-            else (
-                f"{point.truth_mean:.1f}",
-                f"{point.truth.seconds:.3g}{_mark(point.truth.extrapolated)}",
-            )
-        )
-        wall = "" if point.wall is None else f"{point.wall:.2f}"
-        size = "" if point.megabytes is None else f"{point.megabytes:.1f}"
-        core = f"{point.core:,.2f}{_mark(point.extrapolated)}"
-        lines.append(
-            f"| {point.name} | {core} | {wall} | {psnr} | {size} | {truth[0]} | {truth[1]} "
-            f"| {_front(point)} |"
-        )
-    lines += ["", "\\* worked out from fewer texels."]
+    head = (
+        *("setting", "core s", "wall s", "dB against exact, mean / worst material", "MB"),
+        *("dB against the truth", "core s to model it", "front"),
+    )
+    lines = [table(head, map(_point, report.points)), "", "\\* worked out from fewer texels."]
     sizes = {point.name: point.megabytes or 0.0 for point in report.points}
     for point in report.points:
         if point.name in _DEFAULTS and not point.front:
@@ -58,18 +41,23 @@ def _points(report: ParetoReport) -> str:
     return "\n".join(lines)
 
 
+def _point(point: Point) -> list[str]:
+    truth, fronts = point.truth, (("exact", point.front), ("truth", point.truth_front))
+    return [
+        point.name,
+        f"{point.core:,.2f}{_mark(point.extrapolated)}",
+        "" if point.wall is None else f"{point.wall:.2f}",
+        "" if point.mean is None else f"{point.mean:.1f} / {min(point.psnr.values()):.1f}",
+        "" if point.megabytes is None else f"{point.megabytes:.1f}",
+        "" if truth is None else f"{point.truth_mean:.1f}",
+        "" if truth is None else f"{truth.seconds:.3g}{_mark(truth.extrapolated)}",
+        ", ".join(name for name, on in fronts if on),
+    ]
+
+
 def _savings(report: ParetoReport) -> str:
-    lines = ["| saving | | without | with |", "|---|---|---|---|"]
-    for saving in report.savings:
-        numbers = f"{saving.without:,.2f} | {saving.with_it:,.2f}"
-        lines.append(f"| {saving.name} | {saving.unit} | {numbers} |")
-    return "\n".join(lines)
-
-
-def _front(point: Point) -> str:
-    return ", ".join(
-        name for name, on in (("exact", point.front), ("truth", point.truth_front)) if on
-    )
+    rows = [[s.name, s.unit, f"{s.without:,.2f}", f"{s.with_it:,.2f}"] for s in report.savings]
+    return table(("saving", "", "without", "with"), rows)
 
 
 def _mark(extrapolated: bool) -> str:

@@ -1,23 +1,37 @@
-"""What the report `pareto` found, and how it is written as JSON."""
+"""What the report `pareto` found."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from ..bench.results import Result, plain
 from .runs import Run
 from .settings import Setting
 from .truth import TruthRun
 
-__all__ = ("Figure", "ParetoReport", "Point", "Saving", "better_than", "point_of", "with_fronts")
+__all__ = (
+    "Figure",
+    "ParetoReport",
+    "Point",
+    "Saving",
+    "better_than",
+    "mean_of",
+    "point_of",
+    "with_fronts",
+)
 
 _NOISE = (0.03, 0.1)
 """Share of the seconds by which a quiet machine's own runs differ, and dB that nobody sees."""
 
 
+def mean_of(values: Collection[float]) -> float:
+    return sum(values) / len(values)
+
+
 @dataclass(frozen=True)
-class Point:
+class Point(Result):
     """One way to age, over all materials.
 
     panel: "whole" or "latents", whose points are compared (`pareto_settings`); "rival" otherwise
@@ -51,7 +65,7 @@ class Point:
     @property
     def mean(self) -> float | None:
         """dB against exact over the materials."""
-        return sum(self.psnr.values()) / len(self.psnr) if self.psnr else None
+        return mean_of(self.psnr.values()) if self.psnr else None
 
     def core_of(self, stage: str) -> float:
         """Core seconds of a stage: its share of all, as the clock has it."""
@@ -60,48 +74,59 @@ class Point:
     @property
     def truth_mean(self) -> float | None:
         """dB against the truth over the cases."""
-        return sum(self.truth.psnr.values()) / len(self.truth.psnr) if self.truth else None
+        return mean_of(self.truth.psnr.values()) if self.truth else None
+
+    @property
+    def seconds(self) -> Mapping[str, Any]:
+        return plain({"core": self.core, "wall": self.wall, "stages": self.stages}, 3)
+
+    @property
+    def against_exact(self) -> Mapping[str, Any]:
+        worst = min(self.psnr, key=self.psnr.__getitem__) if self.psnr else None
+        found = {
+            "mean": self.mean,
+            "worst": None if worst is None else self.psnr[worst],
+            "worst_material": worst,
+            "worst_frame": self.worst_frame,
+            "materials": self.psnr,
+        }
+        return plain(found, 2)
+
+    @property
+    def against_truth(self) -> Mapping[str, Any] | None:
+        if self.truth is None:
+            return None
+        mean = plain(self.truth_mean, 2)
+        return {**vars(self.truth), "mean": mean, "front": self.truth_front}
 
     def json(self) -> dict[str, Any]:
         """An entry of `points` in `pareto.json`."""
-        worst = min(self.psnr, key=self.psnr.__getitem__) if self.psnr else None
-        return {
-            "name": self.name,
-            "knob": self.knob,
-            "panel": self.panel,
-            "seconds": {
-                "core": round(self.core, 3),
-                "wall": _rounded(self.wall, 3),
-                "stages": {name: round(value, 3) for name, value in self.stages.items()},
-            },
-            "extrapolated": self.extrapolated,
-            "psnr": {
-                "mean": _rounded(self.mean, 2),
-                "worst": None if worst is None else round(self.psnr[worst], 2),
-                "worst_material": worst,
-                "worst_frame": _rounded(self.worst_frame, 2),
-                "materials": {name: round(value, 2) for name, value in self.psnr.items()},
-            },
-            "front": self.front,
-            "beaten_by": list(self.beaten_by),
-            "bytes": None if self.megabytes is None else round(self.megabytes * 1e6),
-            "entries": _rounded(self.entries, 1),
-            "frames_written": _rounded(self.frames, 1),
-            "truth": None
-            if self.truth is None
-            else {
-                "psnr": dict(self.truth.psnr),
-                "mean": _rounded(self.truth_mean, 2),
-                "seconds": self.truth.seconds,
-                "extrapolated": self.truth.extrapolated,
-                "front": self.truth_front,
-            },
-        }
+        return plain(
+            {
+                "name": self.name,
+                "knob": self.knob,
+                "panel": self.panel,
+                "seconds": self.seconds,
+                "extrapolated": self.extrapolated,
+                "psnr": self.against_exact,
+                "front": self.front,
+                "beaten_by": self.beaten_by,
+                "bytes": None if self.megabytes is None else round(self.megabytes * 1e6),
+                "entries": plain(self.entries, 1),
+                "frames_written": plain(self.frames, 1),
+                "truth": self.against_truth,
+            }
+        )
 
 
 @dataclass(frozen=True)
-class Figure:
+class Figure(Result):
     """A figure that was asked for. `met` is None where there was nothing to reach."""
+
+    JSON = (
+        *(("name", None), ("asked", None), ("measured", None)),
+        *(("met", None), ("extrapolated", None)),
+    )
 
     name: str
     asked: str
@@ -109,13 +134,9 @@ class Figure:
     met: bool | None
     extrapolated: bool = False
 
-    def json(self) -> dict[str, Any]:
-        """An entry of `figures`."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
-class Saving:
+class Saving(Result):
     """What is saved by not modelling or storing everything: core seconds, megabytes and, where it
     costs any, dB against exact, `without` it and `with` it.
     """
@@ -127,17 +148,15 @@ class Saving:
 
     def json(self) -> dict[str, Any]:
         """An entry of `savings`."""
-        return {
-            "name": self.name,
-            "unit": self.unit,
-            "without": round(self.without, 3),
-            "with": round(self.with_it, 3),
-        }
+        numbers = {"without": self.without, "with": self.with_it}
+        return {"name": self.name, "unit": self.unit, **plain(numbers, 3)}
 
 
 @dataclass(frozen=True)
-class ParetoReport:
+class ParetoReport(Result):
     """All points, figures and savings; on what machine and how they were measured."""
+
+    JSON = tuple((n, None) for n in ("points", "figures", "savings", "machine", "settings"))
 
     points: Sequence[Point]
     figures: Sequence[Figure]
@@ -145,36 +164,22 @@ class ParetoReport:
     machine: Mapping[str, Any]
     settings: Mapping[str, Any] = field(default_factory=dict)
 
-    def json(self) -> dict[str, Any]:
-        """The content of `pareto.json`."""
-        return {
-            "points": [point.json() for point in self.points],
-            "figures": [figure.json() for figure in self.figures],
-            "savings": [saving.json() for saving in self.savings],
-            "machine": dict(self.machine),
-            "settings": dict(self.settings),
-        }
-
 
 def point_of(setting: Setting, runs: Mapping[str, Run], truth: TruthRun | None) -> Point:
     """The means of a setting's `runs`, by material."""
-
-    def mean(values: Sequence[float]) -> float:
-        return sum(values) / len(values)
-
     every = list(runs.values())
     return Point(
         name=setting.name,
         knob=setting.knob,
         panel=setting.panel,
-        core=mean([run.core for run in every]),
-        wall=mean([run.wall for run in every]),
-        stages={stage: mean([run.stages[stage] for run in every]) for stage in every[0].stages},
-        psnr={material: mean(run.psnr) for material, run in runs.items()},
+        core=mean_of([run.core for run in every]),
+        wall=mean_of([run.wall for run in every]),
+        stages={stage: mean_of([run.stages[stage] for run in every]) for stage in every[0].stages},
+        psnr={material: mean_of(run.psnr) for material, run in runs.items()},
         worst_frame=min(min(run.psnr) for run in every),
-        megabytes=mean([run.megabytes for run in every]),
-        entries=mean([run.entries for run in every]),
-        frames=mean([run.frames for run in every]),
+        megabytes=mean_of([run.megabytes for run in every]),
+        entries=mean_of([run.entries for run in every]),
+        frames=mean_of([run.frames for run in every]),
         truth=truth,
     )
 
@@ -213,7 +218,3 @@ def with_fronts(points: Sequence[Point]) -> list[Point]:
     for point, places in zip(known, better, strict=True):
         found[point.name] = replace(found[point.name], truth_front=not places)
     return list(found.values())
-
-
-def _rounded(value: float | None, digits: int) -> float | None:
-    return None if value is None else round(value, digits)

@@ -6,25 +6,25 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from model_runtime.age import AgeRequest, age
-from model_runtime.contract import LIVE, REPORT
+from model_runtime.age import AgeRequest
+from model_runtime.contract import BALANCED, LIVE, REPORT
 from model_runtime.images import Compression, read_image
 from model_runtime.model_files.weights import ENCODER, ESTIMATOR, find_model
 from model_runtime.output.stored import StagedResult
 
-from ..bench.kept import identity
-from ..bench.silent import Silent
+from ..bench.ageing import age_silently, megabytes
+from ..bench.kept import identity, kept_json
 from .exact import Exact
 from .settings import Setting
 
-__all__ = ("Run", "bundled", "kept_json", "measure")
+__all__ = ("Run", "bundled", "measure")
 
 
 @dataclass(frozen=True)
@@ -60,24 +60,6 @@ def bundled(ntm: str) -> str:
     return identity(*(path.read_bytes().hex() for path in files))
 
 
-def kept_json(path: Path, made_from: str, make: Callable[[], Any]) -> Any:
-    """The JSON value that `make` gives, from an earlier call where that was `made_from` the same;
-    written whole or not at all.
-    """
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
-        if stored["made_from"] == made_from:
-            return stored["value"]
-    except (OSError, ValueError, KeyError, TypeError):
-        pass  # missing, damaged or of something else: made again
-    value = make()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(path.name + ".partial")
-    beside.write_text(json.dumps({"made_from": made_from, "value": value}), encoding="utf-8")
-    beside.replace(path)
-    return value
-
-
 def measure(
     setting: Setting,
     material: Path,
@@ -86,46 +68,43 @@ def measure(
     *,
     frames: int,
     size: int,
-    kept: Path,
+    folder: Path,
     model: str,
 ) -> Run:
     """Age `material` as `setting` says and hold the written maps against `exact`.
 
     `size` and `frames` are those of the setting's panel, `model` what `bundled` says of `ntm`. The
-    numbers stay in the folder `kept`, the maps do not.
+    numbers stay in `folder`, the maps do not.
     """
     request = setting.request(frames, size)
 
     def make() -> dict[str, Any]:
-        folder = kept / "maps"
-        asked = AgeRequest(material, ntm, folder, **request)
+        maps = folder / "maps"
         wall, core = time.perf_counter(), time.process_time()
-        report = age(asked, Silent(), setting.effort)
+        report = age_silently(AgeRequest(material, ntm, maps, **request), setting.effort)
         wall, core = time.perf_counter() - wall, time.process_time() - core
         load = os.getloadavg()[0]
         writing = None
-        if setting.name == "balanced":
-            writing = _writing_alone(folder, kept, setting.effort.compression)
-        maps = [path.stat().st_size for path in folder.glob("*.exr")]
+        if setting.name == BALANCED:
+            writing = _writing_alone(maps, folder, setting.effort.compression)
         run = Run(
             wall=round(wall, 3),
             core=round(core, 3),
             stages=report["seconds"],
-            megabytes=round(sum(maps) / 1e6, 3),
+            megabytes=round(megabytes(maps), 3),
             entries=report["palette"],
             rung=report["temporal_model"],
             frames=_frames(report),
-            psnr=[round(value, 3) for value in exact.psnr(folder)],
+            psnr=[round(value, 3) for value in exact.psnr(maps)],
             writing=writing,
             load=round(load, 2),
         )
-        shutil.rmtree(folder)
+        shutil.rmtree(maps)
         return asdict(run)
 
     name = f"{setting.name}_{material.name}".replace(" ", "_").replace("/", "by")
     made_from = identity(exact.states, model, f"{request} {setting.effort}")
-    value = kept_json(kept / f"run_{name}.json", made_from, make)
-    return Run(**value)
+    return Run(**kept_json(folder / f"run_{name}.json", made_from, make))
 
 
 def _frames(report: Mapping[str, Any]) -> int:

@@ -22,17 +22,16 @@ from model_runtime.representation.estimator import ParameterEstimator, load_esti
 from model_runtime.representation.latents import PAPER_SAMPLES, Representation
 from model_runtime.temporal.models import LatentLSTM
 
-from ..bench.kept import identity
-from ..representation.methods import WEIGHTS
+from ..bench.encoders import WEIGHTS
+from ..bench.kept import identity, kept_json
+from ..bench.spheres import TexturedSphere
 from ..synthesis.cases import make_cases
 from ..synthesis.methods import Models, Rung, Transferred, load_models, method_for
 from ..synthesis.results import Curve
 from ..synthesis.scoring import Scorer
-from ..synthesis.sphere import TexturedSphere
+from ..synthesis.sources import Effort as Learning
+from ..synthesis.sources import SourceModels, describe
 from ..synthesis.stage import Stage
-from ..synthesis.training import Effort as Teaching
-from ..synthesis.training import School, describe
-from .runs import kept_json
 
 __all__ = ("CASES", "RIVALS", "Truth", "TruthRun", "paper_pipeline_seconds")
 
@@ -54,7 +53,8 @@ class TruthRun:
 
 @dataclass(frozen=True)
 class Truth:
-    """The first material of each of `CASES`, `pixels` wide, and where what is taught on them stays.
+    """The first material of each of `CASES`, `pixels` wide, and the `folder` where
+    what is learned of them stays.
 
     Methods that model latents texel by texel are given every `stride`-th row and column of the
     sphere. `weights` is the folder of the paper's trained encoder, whose pipeline is timed on
@@ -62,15 +62,15 @@ class Truth:
     """
 
     data: Path
-    kept: Path
+    folder: Path
     pixels: int = 64
     stride: int = 6
-    teaching: Teaching = field(default_factory=Teaching)
+    learning: Learning = field(default_factory=Learning)
     weights: Path = WEIGHTS
     paper_texels: int = 4
 
     def setting(self, name: str, effort: Effort, rung: str) -> TruthRun:
-        """Ageing with `effort` by `rung`, or "auto", of a ladder taught on the case's source, from
+        """Ageing with `effort` by `rung`, or "auto", of a ladder trained on the case's source, from
         the parameters of the target's first frame, as maps hold them.
         """
 
@@ -103,7 +103,7 @@ class Truth:
 
         def one(stage: Stage) -> tuple[float, float, bool]:
             look = f"{self.pixels} {self.stride}"
-            scorer = Scorer(stage.case, lambda: stage, self._models, self.kept, look)
+            scorer = Scorer(stage.case, lambda: stage, self._models, self.folder, look)
             psnr = scorer.score(name).curves["score"].json()["mean"]
             method = scorer.method(name)
             if isinstance(method, Transferred):
@@ -125,7 +125,7 @@ class Truth:
     def _run(
         self, name: str, what: str, one: Callable[[Stage], tuple[float, float, bool]]
     ) -> TruthRun:
-        look = f"{what} {self.pixels} {self.stride} {self.teaching}"
+        look = f"{what} {self.pixels} {self.stride} {self.learning}"
         encoders = (encoder for _, encoder in self._models.encoders.values())
         made_from = identity(look, *encoders, hash_file(ESTIMATOR), *self._described)
 
@@ -136,25 +136,25 @@ class Truth:
             seconds = sum(each[1] for each in found) / len(found)
             return asdict(TruthRun(psnr, round(seconds, 4), any(each[2] for each in found)))
 
-        path = self.kept / f"truth_{name}.json".replace(" ", "_").replace("/", "by")
+        path = self.folder / f"truth_{name}.json".replace(" ", "_").replace("/", "by")
         return TruthRun(**kept_json(path, made_from, make))
 
     def _ladder(self, stage: Stage) -> Rung:
-        """Taught on the case's source; asked for by every setting."""
-        if stage.case.key not in self._taught:
+        """Trained on the case's source; asked for by every setting."""
+        if stage.case.key not in self._trained:
             method = method_for("ours", stage.case, self._models)
             assert isinstance(method, Rung)
-            self._taught[stage.case.key] = method
-        return self._taught[stage.case.key]
+            self._trained[stage.case.key] = method
+        return self._trained[stage.case.key]
 
     @cached_property
-    def _taught(self) -> dict[str, Rung]:
+    def _trained(self) -> dict[str, Rung]:
         return {}
 
     @cached_property
     def _models(self) -> Models:
-        school = School(self.kept, self.teaching)
-        return load_models(("ours", *RIVALS), school, weights=self.weights)
+        sources = SourceModels(self.folder, self.learning)
+        return load_models(("ours", *RIVALS), sources, weights=self.weights)
 
     @cached_property
     def _estimator(self) -> ParameterEstimator:
@@ -163,7 +163,7 @@ class Truth:
     @cached_property
     def _stages(self) -> list[Stage]:
         sphere = TexturedSphere.load(
-            self.data / "hdri", pixels=self.pixels, stride=self.stride, kept=self.kept
+            self.data / "hdri", pixels=self.pixels, stride=self.stride, folder=self.folder
         )
         cases = (next(iter(make_cases(self.data, (name,), size=self.pixels))) for name in CASES)
         return [Stage.of(case, sphere) for case in cases]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
+from ..bench.charts import LOOKS, grid, legend, panels, save
 from .damages import DAMAGE_TITLES
-from .methods import METHODS
 from .results import MethodResult, Point, Report
 from .sets import BAD_FITS, FRAMES, UNIFORM
 
@@ -36,224 +35,176 @@ SET_TITLES = {
 }
 _MEASURED = ("merl_seen", "merl_held_out", "rgl")
 
+Panel = Callable[[Axes], None]
 
-def chart_materials(report: Report, path: Path) -> bool:
-    """The paper's figure 5: a dot a material and method, sorted by the first method, dotted means.
-    Writes nothing and returns False where there is nothing to draw.
-    """
-    sets = _present(report, UNIFORM)
-    if not sets:
+
+def _chart(
+    report: Report, path: Path, panel_of: dict[str, Panel], columns: int, height: float, y: str
+) -> bool:
+    """Draw a chart of panels by title. Writes nothing and returns False where there are none."""
+    if not panel_of:
         return False
-    columns = min(3, len(sets))
-    rows = -(-len(sets) // columns)
-    figure = Figure(figsize=(10, 2.9 * rows + 0.7), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
-    for ax, name in zip(axes, sets, strict=False):
-        _materials(ax, report, name)
-    for ax in axes[len(sets) :]:
-        ax.set_visible(False)
-    for ax in axes[::columns]:
-        ax.set_ylabel("PSNR (dB)")
-    _legend(figure, report)
-    figure.savefig(path, dpi=100)
+    figure, axes = panels(len(panel_of), columns, (10, height), sharey=True)
+    for i, (ax, (title, draw)) in enumerate(zip(axes, panel_of.items(), strict=True)):
+        grid(ax, title)
+        draw(ax)
+        if i % columns == 0:
+            ax.set_ylabel(y)
+    legend(figure, report.methods)
+    save(figure, path)
     return True
 
 
-def _materials(ax: Axes, report: Report, name: str) -> None:
-    shown = {key: m.cells[name].materials for key, m in report.methods.items() if name in m.cells}
-    first = next(iter(shown.values()))
-    order = sorted(first, key=first.__getitem__)
-    few = len(order) <= 5
+def chart_materials(report: Report, path: Path) -> bool:
+    """The paper's figure 5: a dot a material and method, sorted by the first method, dotted means.
+    Like all charts, not written (False) where there is nothing to draw.
+    """
+    shown = {}
+    for name in _present(report, UNIFORM):
+        found = {key: m.cells[name].materials for key, m in _having(report, name).items()}
+        count = len(next(iter(found.values())))
+        shown[f"{SET_TITLES[name]} ({count})"] = lambda ax, found=found: _materials(ax, found)
+    return _chart(report, path, shown, 3, 2.9, "PSNR (dB)")
+
+
+def _materials(ax: Axes, shown: dict[str, dict[str, float]]) -> None:
+    first, scores = next(iter(shown.items()))
+    order = sorted(scores, key=scores.__getitem__)
+    few, x = len(order) <= 5, np.arange(1, len(order) + 1)
+    good = np.array([material not in BAD_FITS for material in order])
     for key, scores in shown.items():
-        entry = METHODS[key]
-        values = [scores[material] for material in order]
-        x = np.arange(1, len(order) + 1)
+        look, values = LOOKS[key], np.array([scores[material] for material in order])
         size = 40 if few else 11
-        good = np.array([material not in BAD_FITS for material in order])
-        style = {"s": size, "marker": entry.marker, "linewidths": 0.8, "edgecolors": entry.color}
-        ax.scatter(x[good], np.array(values)[good], c=entry.color, **style)
-        ax.scatter(x[~good], np.array(values)[~good], facecolors="none", **style)
-        ax.axhline(float(np.mean(values)), color=entry.color, linestyle=":", linewidth=1.3)
-    ax.set_title(f"{SET_TITLES[name]} ({len(order)})", fontsize=10)
+        style = {"s": size, "marker": look.marker, "linewidths": 0.8, "edgecolors": look.color}
+        ax.scatter(x[good], values[good], c=look.color, **style)
+        ax.scatter(x[~good], values[~good], facecolors="none", **style)
+        ax.axhline(float(np.mean(values)), color=look.color, linestyle=":", linewidth=1.3)
+    ax.grid(visible=False, axis="x")
     if few:
-        ax.set_xticks(np.arange(1, len(order) + 1), order, fontsize=7, rotation=12)
+        ax.set_xticks(x, order, fontsize=7, rotation=12)
         ax.set_xlim(0.4, len(order) + 0.6)
     else:
-        ax.set_xlabel(f"materials, sorted by {METHODS[next(iter(shown))].title}", fontsize=9)
-    ax.grid(axis="y", color="#dddddd", linewidth=0.6)
+        ax.set_xlabel(f"materials, sorted by {LOOKS[first].title}", fontsize=9)
 
 
 def chart_speed(report: Report, path: Path) -> bool:
     """Time to encode a BRDF against accuracy, a curve a method; the larger marker is the method as
-    the tables have it. Writes nothing and returns False where there is nothing to draw.
+    the tables have it.
     """
-    panels = [
-        ("analytic and real .bsdf", lambda name: name not in _MEASURED),
-        ("measured: MERL seen, held out, RGL", lambda name: name in _MEASURED),
-    ]
-    panels = [panel for panel in panels if any(_points(m, panel[1]) for m in _methods(report))]
-    if not panels:
-        return False
-    figure = Figure(figsize=(10, 4.9), layout="constrained")
-    axes = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)[0]
-    for ax, (title, wanted) in zip(axes, panels, strict=True):
-        for key, method in report.methods.items():
-            _speed(ax, key, method.cost.samples, _points(method, wanted))
-        ax.set_xscale("log")
-        ax.margins(x=0.12, y=0.1)
-        ax.set_title(title, fontsize=10)
-        ax.set_xlabel("time to encode a BRDF on one core (ms)")
-        ax.grid(which="major", color="#dddddd", linewidth=0.6)
-    axes[0].set_ylabel("mean PSNR (dB)")
-    _legend(figure, report)
-    figure.savefig(path, dpi=100)
-    return True
+    kinds: dict[str, Callable[[str], bool]] = {
+        "analytic and real .bsdf": lambda name: name not in _MEASURED,
+        "measured: MERL seen, held out, RGL": lambda name: name in _MEASURED,
+    }
+    shown = {}
+    for title, wanted in kinds.items():
+        points = {key: _points(m, wanted) for key, m in report.methods.items()}
+        if any(points.values()):
+            shown[title] = lambda ax, points=points: _speeds(ax, report, points)
+    return _chart(report, path, shown, 2, 4.2, "mean PSNR (dB)")
 
 
-def _points(method: MethodResult, wanted: Callable[[str], bool]) -> list[tuple[Point, float]]:
+Points = list[tuple[Point, float]]
+
+
+def _points(method: MethodResult, wanted: Callable[[str], bool]) -> Points:
     """The curve's points and their means over all materials of the sets `wanted`."""
     found = []
     for point in method.curve:
-        values = [
-            value
-            for name, cell in point.cells.items()
-            if wanted(name)
-            for value in cell.materials.values()
-        ]
+        cells = [cell for name, cell in point.cells.items() if wanted(name)]
+        values = [value for cell in cells for value in cell.materials.values()]
         if values:
             found.append((point, float(np.mean(values))))
     return found
 
 
-def _speed(ax: Axes, key: str, samples: int, points: list[tuple[Point, float]]) -> None:
+def _speeds(ax: Axes, report: Report, points: dict[str, Points]) -> None:
+    for key, some in points.items():
+        _speed(ax, key, report.methods[key].cost.samples, some)
+    ax.set_xscale("log")
+    ax.margins(x=0.12, y=0.1)
+    ax.set_xlabel("time to encode a BRDF on one core (ms)")
+
+
+def _speed(ax: Axes, key: str, samples: int, points: Points) -> None:
     """A solid line over directions; for a method that trains, over iterations, and a dashed one
     over directions.
     """
-    entry = METHODS[key]
+    style: dict[str, Any] = {"color": LOOKS[key].color, "marker": LOOKS[key].marker}
     longest = max((point.iterations or 0 for point, _ in points), default=0)
     full = [(p, value) for p, value in points if (p.iterations or 0) == longest]
     trained = [(p, value) for p, value in points if longest and p.samples == samples]
     for line, dashes in ((trained, "-"), (full, "--" if longest else "-")):
-        ax.plot(
-            [p.encode_ms for p, _ in line],
-            [value for _, value in line],
-            color=entry.color,
-            marker=entry.marker,
-            markersize=4,
-            linestyle=dashes,
-            linewidth=1.4,
-        )
+        x, y = [p.encode_ms for p, _ in line], [value for _, value in line]
+        ax.plot(x, y, linestyle=dashes, markersize=4, linewidth=1.4, **style)
     for i, (point, value) in enumerate(full):
-        own = point.samples == samples
-        if i > 0 and not own:
-            continue
+        own, at = point.samples == samples, (point.encode_ms, value)
         if own:
-            ax.plot(
-                [point.encode_ms],
-                [value],
-                color=entry.color,
-                marker=entry.marker,
-                markersize=10,
-                markeredgecolor="black",
-            )
-        ax.annotate(
-            f"m = {point.samples:,}",
-            (point.encode_ms, value),
-            xytext=(0, 9 if own else -14),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-            color=entry.color,
-        )
+            ax.plot(*at, markersize=10, markeredgecolor="black", **style)
+        if own or i == 0:
+            ax.annotate(
+                f"m = {point.samples:,}", at, (0, 9 if own else -14),
+                textcoords="offset points", ha="center", fontsize=8, color=style["color"],
+            )  # fmt: skip
 
 
 def chart_frames(report: Report, path: Path) -> bool:
-    """The paper's figure 6: a score a frame of the two time-varying textures. Writes nothing and
-    returns False where there is nothing to draw.
-    """
-    sets = _present(report, FRAMES)
-    if not sets:
-        return False
-    figure = Figure(figsize=(10, 3.6), layout="constrained")
-    axes = figure.subplots(1, len(sets), squeeze=False, sharey=True)[0]
-    for ax, name in zip(axes, sets, strict=True):
-        for key, method in report.methods.items():
-            if name in method.cells:
-                frames = method.cells[name].materials
-                times = [float(label.removeprefix("t = ")) for label in frames]
-                entry = METHODS[key]
-                ax.plot(times, list(frames.values()), color=entry.color, marker=entry.marker)
-        ax.set_title(SET_TITLES[name], fontsize=10)
+    """The paper's figure 6: a score a frame of the two time-varying textures."""
+
+    def frames(ax: Axes, name: str) -> None:
+        for key, method in _having(report, name).items():
+            scores = method.cells[name].materials
+            times = [float(label.removeprefix("t = ")) for label in scores]
+            _line(ax, key, times, list(scores.values()))
         ax.set_xlabel("time (share of the whole history)")
-        ax.grid(color="#dddddd", linewidth=0.6)
-    axes[0].set_ylabel("PSNR (dB)")
-    _legend(figure, report)
-    figure.savefig(path, dpi=100)
-    return True
+
+    shown = {
+        SET_TITLES[name]: lambda ax, name=name: frames(ax, name)
+        for name in _present(report, FRAMES)
+    }
+    return _chart(report, path, shown, 2, 2.9, "PSNR (dB)")
 
 
 def chart_progress(report: Report, path: Path) -> bool:
-    """PSNR of seen and unseen measured materials while the encoders were trained. Writes nothing
-    and returns False where there is nothing to draw.
-    """
+    """PSNR of seen and unseen measured materials while the encoders were trained."""
     runs = {key: m.progress for key, m in report.methods.items() if m.progress}
-    if not runs:
-        return False
-    figure = Figure(figsize=(10, 3.6), layout="constrained")
-    axes = figure.subplots(1, len(_MEASURED), squeeze=False, sharey=True)[0]
-    for ax, name in zip(axes, _MEASURED, strict=True):
+
+    def progress(ax: Axes, name: str) -> None:
         for key, looks in runs.items():
-            entry = METHODS[key]
-            minutes = [look["minutes"] for look in looks]
-            ax.plot(minutes, [look[name] for look in looks], color=entry.color, marker=entry.marker)
-        ax.set_title(SET_TITLES[name], fontsize=10)
+            _line(ax, key, [look["minutes"] for look in looks], [look[name] for look in looks])
         ax.set_xlabel("minutes of one core")
-        ax.grid(color="#dddddd", linewidth=0.6)
-    axes[0].set_ylabel("PSNR of small spheres (dB)")
-    _legend(figure, report)
-    figure.savefig(path, dpi=100)
-    return True
+
+    shown = {
+        SET_TITLES[name]: lambda ax, name=name: progress(ax, name)
+        for name in (_MEASURED if runs else ())
+    }
+    return _chart(report, path, shown, 3, 2.9, "PSNR of small spheres (dB)")
 
 
 def chart_stability(report: Report, path: Path) -> bool:
-    """Accuracy over damage to what an encoder reads, a panel a damage. Writes nothing and returns
-    False where there is nothing to draw.
-    """
+    """Accuracy over damage to what an encoder reads, a panel a damage."""
     results = {key: m.properties["stability"] for key, m in report.methods.items() if m.properties}
-    if not results:
-        return False
-    titles = DAMAGE_TITLES
-    figure = Figure(figsize=(10, 6.2), layout="constrained")
-    axes = figure.subplots(2, -(-len(titles) // 2), sharey=True)
-    for ax, (name, title) in zip(axes.flat, titles.items(), strict=False):
+
+    def damage(ax: Axes, name: str) -> None:
         for key, damages in results.items():
-            entry, curve = METHODS[key], damages[name]
+            curve = damages[name]
             known = [(x, y) for x, y in enumerate(curve["mean"]) if y is not None]
-            ax.plot(*zip(*known, strict=True), color=entry.color, marker=entry.marker, markersize=4)
+            _line(ax, key, *zip(*known, strict=True))
             ax.set_xticks(range(len(curve["labels"])), curve["labels"], fontsize=7, rotation=20)
-        ax.set_title(title, fontsize=10)
-        ax.grid(color="#dddddd", linewidth=0.6)
-    for row in axes:
-        row[0].set_ylabel("PSNR (dB)")
-    _legend(figure, report)
-    figure.savefig(path, dpi=100)
-    return True
+
+    titles = DAMAGE_TITLES if results else {}
+    shown = {title: lambda ax, name=name: damage(ax, name) for name, title in titles.items()}
+    return _chart(report, path, shown, 3, 2.8, "PSNR (dB)")
 
 
-def _methods(report: Report) -> Sequence[MethodResult]:
-    return list(report.methods.values())
+def _line(ax: Axes, key: str, x: Sequence[float], y: Sequence[float]) -> None:
+    ax.plot(x, y, color=LOOKS[key].color, marker=LOOKS[key].marker, markersize=4)
+
+
+def _having(report: Report, name: str) -> dict[str, MethodResult]:
+    """The methods that have a score on the set `name`."""
+    return {key: method for key, method in report.methods.items() if name in method.cells}
 
 
 def _present(report: Report, names: Sequence[str]) -> list[str]:
     """Those of the sets `names` that any method has a score on."""
-    return [name for name in names if any(name in m.cells for m in _methods(report))]
-
-
-def _legend(figure: Figure, report: Report) -> None:
-    handles = [
-        Line2D(
-            [], [], color=METHODS[key].color, marker=METHODS[key].marker, label=METHODS[key].title
-        )
-        for key in report.methods
-    ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False)
+    return [name for name in names if _having(report, name)]

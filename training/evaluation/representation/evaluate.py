@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,18 +11,23 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from model_runtime.errors import UsageError
+from model_runtime.representation.paper import PaperRepresentation
 
-from ...metric.sphere import Sphere
-from .methods import WEIGHTS, Budget, EncoderMethod, Held, Method, load_methods
+from ...metric.sphere import Sphere, psnr
+from ..bench.encoders import WEIGHTS
+from ..bench.kept import identity, kept
+from ..bench.results import chosen, write_report
+from ..bench.spheres import picture
+from .methods import Budget, EncoderMethod, Held, Method, load_methods
+from .pictures import draw_interpolation
 from .properties import measure_properties
-from .report import INTERPOLATION, write_report
+from .report import INTERPOLATION, page
 from .results import Cell, MethodResult, Picture, Point, Report
-from .scoring import SHOWN, score, show, truth
-from .sets import SETS, UNIFORM, Materials, material_sets
-from .spheres import draw_interpolation
+from .sets import SETS, UNIFORM, Evaluate, Materials, material_sets
 
-__all__ = ("Curve", "evaluate_representation")
+__all__ = ("Curve", "evaluate_representation", "score", "truth")
+
+_PROBES = 64
 
 
 @dataclass(frozen=True)
@@ -58,20 +62,18 @@ def evaluate_representation(
     folder of the rivals' trained weights. Raises `UsageError` for methods and sets that do not
     exist, `ModelFileError` for weights that are missing.
     """
-    unknown = [name for name in sets if name not in SETS]
-    if unknown:
-        raise UsageError(f"There is no set '{unknown[0]}'.", f"Choose among {', '.join(SETS)}.")
+    sets = chosen("set", sets, SETS)
     start = time.perf_counter()
-    kept = output / "kept"
-    loaded = load_methods(methods, weights=weights, cache=kept, budget=budget or Budget())
+    folder = output / "kept"
+    loaded = load_methods(methods, weights=weights, cache=folder, budget=budget or Budget())
     sphere = Sphere.load(data / "hdri", pixels=pixels)
     materials = material_sets(data, sphere.inside, wanted=tuple(sets), limit=limit)
-    results, true_pictures = _score_all(sphere, materials, loaded, kept)
+    results, true_pictures = _score_all(sphere, materials, loaded, folder)
     curve = curve or Curve()
     small = Sphere.load(data / "hdri", pixels=curve.pixels)
     uniform = tuple(name for name in sets if name in UNIFORM)
     some = material_sets(data, small.inside, wanted=uniform, limit=curve.materials)
-    curves = _curves(small, some, loaded, kept)
+    curves = _curves(small, some, loaded, folder)
     for name, result in results.items():
         result = replace(result, curve=curves[name])
         method = loaded[name]
@@ -86,15 +88,49 @@ def evaluate_representation(
     output.mkdir(parents=True, exist_ok=True)
     ours = loaded.get("ours")
     if isinstance(ours, EncoderMethod):
-        draw_interpolation(ours.model, sphere, SHOWN, data, output / INTERPOLATION)
-    write_report(report, output)
-    text = json.dumps(report.json(), indent=1)
-    (output / "representation.json").write_text(text, encoding="utf-8")
+        draw_interpolation(ours.model, sphere, data, output / INTERPOLATION)
+    write_report(output, "representation", page(report, output), report)
     return report
 
 
+def truth(sphere: Sphere, materials: Materials) -> Tensor:
+    """Radiance [n, E, P, 3] of uniform materials, [1, E, P, 3] of a frame."""
+    return _render(sphere, materials, materials.evaluate)
+
+
+def _render(sphere: Sphere, materials: Materials, evaluate: Evaluate) -> Tensor:
+    if materials.texels is not None:
+        return sphere.render_textured(evaluate, materials.texels)
+    rows = torch.arange(materials.n)
+    return sphere.render(lambda angles: evaluate(rows, angles))
+
+
+def score(
+    sphere: Sphere, materials: Materials, radiance: Tensor, evaluate: Evaluate, path: Path
+) -> dict[str, Picture]:
+    """Compare what `evaluate` makes of `materials` with their true `radiance`, by name.
+
+    The outcome is kept at `path` and read there as long as the truth and the values that `evaluate`
+    gives at a few directions are the same to the bit: rendering is what takes long.
+    """
+
+    def make() -> dict[str, Tensor]:
+        estimate = _render(sphere, materials, evaluate)
+        return {"scores": psnr(radiance, estimate).mean(1), "pictures": picture(estimate)}
+
+    angles = PaperRepresentation().sample_angles(_PROBES)
+    made_from = identity(radiance, evaluate(torch.arange(materials.n), angles))
+    found = kept(path, made_from, make)
+    pictures = map(Picture, found["pictures"], found["scores"].tolist())
+    return dict(zip(materials.names, pictures, strict=True))
+
+
+def _scores(found: dict[str, Picture]) -> dict[str, float]:
+    return {name: each.score for name, each in found.items()}
+
+
 def _score_all(
-    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], kept: Path
+    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], folder: Path
 ) -> tuple[dict[str, MethodResult], dict[tuple[str, str], Tensor]]:
     """Every method on every set it applies to, and the pictures of the truth."""
     scores: dict[str, dict[str, dict[str, float]]] = {name: {} for name in methods}
@@ -104,18 +140,18 @@ def _score_all(
     bar = tqdm([(name, group) for name, groups in sets.items() for group in groups])
     for set_name, materials in bar:
         radiance = truth(sphere, materials)
-        shown |= {(set_name, name): p for name, p in show(materials, radiance).items()}
+        true = zip(materials.names, picture(radiance), strict=True)
+        shown |= {(set_name, name): pixels for name, pixels in true}
         for name, method in methods.items():
             if not method.applies_to(set_name):
                 continue
             bar.set_description(f"{set_name}, {name}")
             mine = method.hold(materials)
             held[name].append(mine)
-            path = kept / f"{name}_{materials.key}.safetensors"
-            outcome = score(sphere, materials, radiance, mine.evaluate, path)
-            scores[name].setdefault(set_name, {}).update(outcome.scores)
-            for material, picture in outcome.pictures.items():
-                pictures[name][set_name, material] = Picture(picture, outcome.scores[material])
+            path = folder / f"{name}_{materials.key}.safetensors"
+            found = score(sphere, materials, radiance, mine.evaluate, path)
+            scores[name].setdefault(set_name, {}).update(_scores(found))
+            pictures[name] |= {(set_name, material): each for material, each in found.items()}
     results = {
         name: MethodResult(
             cells={key: Cell(each) for key, each in scores[name].items()},
@@ -130,7 +166,7 @@ def _score_all(
 
 
 def _curves(
-    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], kept: Path
+    sphere: Sphere, sets: dict[str, list[Materials]], methods: dict[str, Method], folder: Path
 ) -> dict[str, tuple[Point, ...]]:
     """Accuracy over time of every method."""
     every = [
@@ -149,9 +185,9 @@ def _curves(
                     continue
                 held.append(method.hold(group, setting))
                 tag = f"{name}_{group.key}_{setting.samples}_{setting.effort:g}"
-                path = kept / f"{tag}.safetensors"
-                outcome = score(sphere, group, radiance, held[-1].evaluate, path)
-                scores.setdefault(set_name, {}).update(outcome.scores)
+                path = folder / f"{tag}.safetensors"
+                found = score(sphere, group, radiance, held[-1].evaluate, path)
+                scores.setdefault(set_name, {}).update(_scores(found))
             if held:
                 cells = {key: Cell(each) for key, each in scores.items()}
                 points.append(Point(*method.point(held, setting), cells))

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import torch
 from torch import Tensor
 
-from model_runtime.errors import ModelFileError, UsageError
-from model_runtime.model_files.weights import ENCODER, read_card
+from model_runtime.model_files.weights import read_card
 from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.latents import PAPER_SAMPLES, Latents
 from model_runtime.representation.paper import PaperRepresentation
 
 from ...baselines import nbrdf
+from ..bench.encoders import trained_encoder
+from ..bench.results import chosen
 from .results import Cost
 from .sets import Evaluate, Materials
 
 __all__ = (
     "METHODS",
-    "WEIGHTS",
     "Budget",
     "EncoderMethod",
     "Held",
@@ -31,9 +31,6 @@ __all__ = (
     "Setting",
     "load_methods",
 )
-
-WEIGHTS = Path(__file__).parents[2] / "baselines"
-"""Where the rivals' trained weights are."""
 
 _TEXEL_SAMPLES = 1_024
 _CURVE = (16, 32, 64, 128, 256, 512, 1_024, 4_096, PAPER_SAMPLES)
@@ -80,9 +77,7 @@ class Method(Protocol):
         ...
 
     def point(self, held: Sequence[Held], setting: Setting) -> tuple[int, int | None, float]:
-        """Directions read for a BRDF, iterations spent on it, and milliseconds of one core to
-        encode it.
-        """
+        """Directions read for a BRDF, iterations spent on it, ms of one core to encode it."""
         ...
 
     def cost(self, held: Sequence[Held]) -> Cost:
@@ -104,14 +99,6 @@ def _seconds(call: Callable[[], object]) -> float:
     return min(times)
 
 
-Encode = Callable[[Trained, Tensor, Tensor], Latents]
-
-
-def read_directly(model: Trained, angles: Tensor, f: Tensor) -> Latents:
-    """Latents of `f` [N, M, 3] at `angles` [M, 3], as the encoder gives them."""
-    return model.encode(angles, f)
-
-
 @dataclass(frozen=True)
 class EncoderMethod:
     """A trained encoder and decoder.
@@ -119,7 +106,6 @@ class EncoderMethod:
     trained: what its card says of its training
     samples, texel_samples: directions offered for a uniform material and for a texel
     together: BRDFs decoded at once, as the processor's caches like it
-    encode: from samples to latents
     """
 
     model: Trained
@@ -127,7 +113,6 @@ class EncoderMethod:
     together: int = 64
     samples: int = PAPER_SAMPLES
     texel_samples: int = PAPER_SAMPLES
-    encode: Encode = read_directly
 
     def applies_to(self, name: str) -> bool:
         """Every set does."""
@@ -145,10 +130,8 @@ class EncoderMethod:
         angles = self.model.sample_angles(m, measured=materials.measured)
         f = materials.every(angles)
         start = time.process_time()
-        parts = [
-            self.encode(self.model, angles, some)
-            for some in f.split(max(1, _AT_ONCE // len(angles)))
-        ]
+        few = f.split(max(1, _AT_ONCE // len(angles)))
+        parts = [self.model.encode(angles, some) for some in few]
         seconds = time.process_time() - start
         color = torch.cat([part.color for part in parts])
         shared = torch.cat([part.shared for part in parts])
@@ -163,7 +146,7 @@ class EncoderMethod:
         """Timed anew, in batches of up to 64 BRDFs."""
         angles = self.model.sample_angles(setting.samples)
         f = torch.rand(max(1, min(64, _AT_ONCE // len(angles))), len(angles), 3)
-        seconds = _seconds(lambda: self.encode(self.model, angles, f)) / len(f)
+        seconds = _seconds(lambda: self.model.encode(angles, f)) / len(f)
         return len(angles), None, round(1e3 * seconds, 4)
 
     def cost(self, held: Sequence[Held]) -> Cost:
@@ -208,13 +191,8 @@ class NetworkMethod:
 
     def settings(self) -> tuple[Setting, ...]:
         """Few directions, then few iterations: its time depends on the latter alone."""
-        return (
-            Setting(16),
-            Setting(256),
-            Setting(PAPER_SAMPLES, 0.01),
-            Setting(PAPER_SAMPLES, 0.1),
-            Setting(PAPER_SAMPLES),
-        )
+        few, efforts = (Setting(16), Setting(256)), (0.01, 0.1, 1.0)
+        return (*few, *(Setting(PAPER_SAMPLES, effort) for effort in efforts))
 
     def hold(self, materials: Materials, setting: Setting | None = None) -> Held:
         """Train a network a row, or find those of an earlier run."""
@@ -252,33 +230,16 @@ class NetworkMethod:
         )
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A method of the report: its name in charts, its colour (Okabe and Ito's, safe for the colour
-    blind) and marker; where its weights are (None: trained by the report) and the `--config` that
-    trains them; whether it may be absent; how an encoder is used.
-    """
-
-    title: str
-    color: str
-    marker: str
-    weights: str | Path | None
-    recipe: str = ""
-    optional: bool = False
-    use: Mapping[str, Any] = field(default_factory=dict)
-
-
 _SLOW = {"together": 2, "texel_samples": _TEXEL_SAMPLES}
 
-METHODS = {
-    "ours": Entry("ours", "#0072B2", "o", ENCODER, "fast"),
-    "paper": Entry("paper", "#D55E00", "s", "paper.safetensors", "paper-short", use=_SLOW),
-    "paper_long": Entry(
-        "paper, long", "#CC79A7", "D", "paper_long.safetensors", "paper-short", True, _SLOW
-    ),
-    "brdfnps": Entry("BRDFNPs", "#E69F00", "^", "brdfnps.safetensors", "brdfnps-short", use=_SLOW),
-    "nbrdf": Entry("NBRDF", "#009E73", "v", None),
+METHODS: Mapping[str, Mapping[str, int]] = {
+    "ours": {},
+    "paper": _SLOW,
+    "paper_long": _SLOW,
+    "brdfnps": _SLOW,
+    "nbrdf": {},
 }
+"""By name, how an encoder is used. `paper_long` may be absent."""
 
 
 def load_methods(
@@ -288,27 +249,17 @@ def load_methods(
 
     Raises `UsageError` for an unknown name, `ModelFileError` for weights that are missing.
     """
-    unknown = [name for name in names or () if name not in METHODS]
-    if unknown:
-        raise UsageError(
-            f"There is no method '{unknown[0]}'.", f"Choose among {', '.join(METHODS)}."
-        )
+    wanted = chosen("method", names, METHODS)
+    if names is None and not (weights / "paper_long.safetensors").exists():
+        wanted = tuple(name for name in wanted if name != "paper_long")
     methods: dict[str, Method] = {}
-    for name, entry in METHODS.items():
-        if names is not None and name not in names:
+    for name, use in METHODS.items():
+        if name not in wanted:
             continue
-        if entry.weights is None:
+        if name == "nbrdf":
             methods[name] = NetworkMethod(cache, budget)
             continue
-        path = weights / entry.weights
-        if not path.exists() and names is None and entry.optional:
-            continue
-        if not path.exists():
-            raise ModelFileError(
-                f"The trained weights of the method '{name}' are missing ({path}).",
-                f"Train them with `python -m training encoder --config {entry.recipe} --minutes 60"
-                f" --output {path}`, or leave the method out with --methods.",
-            )
+        path = trained_encoder(name, weights)
         model = EncoderMethod(load_representation(path)[0], read_card(path).trained)
-        methods[name] = replace(model, **entry.use)
+        methods[name] = replace(model, **use)
     return methods

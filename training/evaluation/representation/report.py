@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..bench.charts import LOOKS
+from ..bench.results import image, table
 from .charts import (
     SET_TITLES,
     chart_frames,
@@ -14,12 +16,11 @@ from .charts import (
     chart_speed,
     chart_stability,
 )
-from .methods import METHODS
-from .results import Cell, Report
+from .pictures import PAGES, draw_pages
+from .results import Report
 from .sets import SETS
-from .spheres import PAGES, draw_pages
 
-__all__ = ("INTERPOLATION", "main_table", "write_report")
+__all__ = ("INTERPOLATION", "main_table", "page")
 
 _CHARTS = (
     (
@@ -59,43 +60,36 @@ INTERPOLATION = "interpolation.png"
 
 def main_table(report: Report) -> str:
     """Methods by sets, `mean / worst` in dB, as Markdown."""
-    sets = [name for name in SETS if any(name in m.cells for m in report.methods.values())]
-    lines = [
-        "| PSNR in dB, mean / worst | " + " | ".join(METHODS[key].title for key in report.methods),
-        "|---" * (1 + len(report.methods)) + "|",
-    ]
-    lines[0] += " |"
-    for name in sets:
-        cells = [_cell(m.cells.get(name)) for m in report.methods.values()]
-        n = next(len(m.cells[name].materials) for m in report.methods.values() if name in m.cells)
-        lines.append(f"| {SET_TITLES[name]} ({n}) | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
-def _cell(cell: Cell | None) -> str:
-    return "(the data)" if cell is None else f"{cell.mean:.1f} / {cell.worst:.1f}"
+    rows = []
+    for name in SETS:
+        cells = [m.cells.get(name) for m in report.methods.values()]
+        count = next((cell.n for cell in cells if cell), None)
+        if count is not None:
+            texts = [f"{c.mean:.1f} / {c.min:.1f}" if c else "(the data)" for c in cells]
+            rows.append([f"{SET_TITLES[name]} ({count})", *texts])
+    titles = (LOOKS[key].title for key in report.methods)
+    return table(["PSNR in dB, mean / worst", *titles], rows)
 
 
 def _cost_table(report: Report) -> str:
-    lines = [
-        "| method | parameters | latent dimensions | directions m (texel) | encode, ms |"
-        " decode, µs a sample | training, min | iterations |",
-        "|---" * 8 + "|",
-    ]
+    head = """method, parameters, latent dimensions, directions m (texel), encode; ms,
+        decode; µs a sample, training; min, iterations"""
+    rows = []
     for key, method in report.methods.items():
         cost = method.cost
-        values = (
-            METHODS[key].title,
-            f"{cost.parameters:,}",
-            f"{cost.latent_dims:,}",
-            f"{cost.samples:,} ({cost.texel_samples:,})",
-            f"{cost.encode_ms:.3g}" if cost.encode_ms < 100 else f"{cost.encode_ms:,.0f}",
-            f"{cost.decode_us_per_sample:.2g}",
-            "" if cost.train_minutes is None else f"{cost.train_minutes:g}",
-            "" if cost.train_iterations is None else f"{cost.train_iterations:,}",
+        rows.append(
+            [
+                LOOKS[key].title,
+                f"{cost.parameters:,}",
+                f"{cost.latent_dims:,}",
+                f"{cost.samples:,} ({cost.texel_samples:,})",
+                f"{cost.encode_ms:.3g}" if cost.encode_ms < 100 else f"{cost.encode_ms:,.0f}",
+                f"{cost.decode_us_per_sample:.2g}",
+                "" if cost.train_minutes is None else f"{cost.train_minutes:g}",
+                "" if cost.train_iterations is None else f"{cost.train_iterations:,}",
+            ]
         )
-        lines.append("| " + " | ".join(values) + " |")
-    return "\n".join(lines)
+    return table([title.strip().replace(";", ",") for title in head.split(",")], rows)
 
 
 _PROPERTIES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
@@ -153,11 +147,8 @@ _PROPERTIES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
 def _property_table(report: Report) -> str:
     """What `measure_properties` found, a row a property, a column a method."""
     known = {key: m.properties for key, m in report.methods.items() if m.properties}
-    lines = ["| property | " + " | ".join(METHODS[key].title for key in known) + " |"]
-    lines.append("|---" * (1 + len(known)) + "|")
-    for title, cell in _PROPERTIES:
-        lines.append(f"| {title} | " + " | ".join(cell(p) for p in known.values()) + " |")
-    return "\n".join(lines)
+    rows = [[title, *(cell(p) for p in known.values())] for title, cell in _PROPERTIES]
+    return table(["property", *(LOOKS[key].title for key in known)], rows)
 
 
 def _explanation(report: Report) -> str:
@@ -182,9 +173,9 @@ def _alternative(file: str) -> str:
     return file.removesuffix(".png").replace("_", " ")
 
 
-def write_report(report: Report, folder: Path) -> None:
-    """Write `representation.md` and its charts and pictures to `folder`; of an interpolation that
-    is there already, a link.
+def page(report: Report, folder: Path) -> list[str]:
+    """The paragraphs of `representation.md`; draws its charts and pictures to `folder`. Of an
+    interpolation that is there already, a link.
     """
     parts = [
         "# BRDF representations",
@@ -199,23 +190,22 @@ def write_report(report: Report, folder: Path) -> None:
     ]
     for file, draw, caption in _CHARTS:
         if draw(report, folder / file):
-            parts += [f"![{_alternative(file)}]({file})", caption]
+            parts += [image(file, _alternative(file)), caption]
     pages = draw_pages(report, folder)
     if pages:
-        first = METHODS[next(iter(report.methods))].title
+        first = LOOKS[next(iter(report.methods))].title
         parts += [
             "## Spheres",
             "Under the overcast street `potsdamer_platz`, materials chosen by the score of"
             f" {first}. Errors are mean absolute differences of tone-mapped channels, on one scale"
             " everywhere; the numbers are PSNR over all three maps.",
         ]
-        for page, file in zip(PAGES, pages, strict=True):
-            parts += [f"### The {page} ten", f"![the {page} ten]({file})"]
+        for which, file in zip(PAGES, pages, strict=True):
+            parts += [f"### The {which} ten", image(file, f"the {which} ten")]
     if (folder / INTERPOLATION).exists():
-        caption = "Latents of two materials, mixed linearly and decoded; the truth at both ends."
         parts += [
             "## Between materials",
-            f"![{_alternative(INTERPOLATION)}]({INTERPOLATION})",
-            caption,
+            image(INTERPOLATION, _alternative(INTERPOLATION)),
+            "Latents of two materials, mixed linearly and decoded; the truth at both ends.",
         ]
-    (folder / "representation.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return parts

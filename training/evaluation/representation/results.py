@@ -1,4 +1,4 @@
-"""What the report `representation` found, and how it is written as JSON."""
+"""What the report `representation` found."""
 
 from __future__ import annotations
 
@@ -9,41 +9,41 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from ..bench.results import Result, plain
 from .sets import BAD_FITS, SEED
 
 __all__ = ("Cell", "Cost", "MethodResult", "Picture", "Point", "Report")
 
 
 @dataclass(frozen=True)
-class Cell:
-    """PSNR in dB of one method on the materials (or frames) of one set."""
+class Cell(Result):
+    """PSNR in dB of one method on the materials (or frames) of one set: mean and n over all, min
+    and p5 without those whose truth is a bad fit.
+    """
+
+    JSON = (("mean", 2), ("min", 2), ("p5", 2), ("n", None), ("materials", 2))
 
     materials: dict[str, float]
 
     @property
+    def n(self) -> int:
+        return len(self.materials)
+
+    @property
     def mean(self) -> float:
-        """Over all materials."""
         return float(np.mean(list(self.materials.values())))
 
     @property
-    def judged(self) -> list[float]:
-        """Without the materials whose truth is a bad fit: what can be a worst."""
-        return [value for name, value in self.materials.items() if name not in BAD_FITS]
+    def min(self) -> float:
+        return min(self._judged)
 
     @property
-    def worst(self) -> float:
-        """The lowest of `judged`."""
-        return min(self.judged)
+    def p5(self) -> float:
+        return float(np.quantile(self._judged, 0.05))
 
-    def json(self) -> dict[str, Any]:
-        """Mean and n over all materials, min and p5 over those that are judged."""
-        return {
-            "mean": round(self.mean, 2),
-            "min": round(self.worst, 2),
-            "p5": round(float(np.quantile(self.judged, 0.05)), 2),
-            "n": len(self.materials),
-            "materials": {name: round(value, 2) for name, value in self.materials.items()},
-        }
+    @property
+    def _judged(self) -> list[float]:
+        return [value for name, value in self.materials.items() if name not in BAD_FITS]
 
 
 @dataclass(frozen=True)
@@ -64,25 +64,22 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class Point:
+class Point(Result):
     """A method that reads `samples` directions (and spends `iterations` on a BRDF, if it trains):
     milliseconds to encode a BRDF, and the scores of some materials of the sets it applies to.
     """
+
+    JSON = (("samples", None), ("iterations", None), ("encode_ms", None), ("mean", 2))
 
     samples: int
     iterations: int | None
     encode_ms: float
     cells: dict[str, Cell]
 
-    def json(self) -> dict[str, Any]:
-        """The mean of each set."""
-        means = {name: round(cell.mean, 2) for name, cell in self.cells.items()}
-        return {
-            "samples": self.samples,
-            "iterations": self.iterations,
-            "encode_ms": self.encode_ms,
-            "mean": means,
-        }
+    @property
+    def mean(self) -> dict[str, float]:
+        """Of each set."""
+        return {name: cell.mean for name, cell in self.cells.items()}
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class MethodResult:
+class MethodResult(Result):
     """One method: its sets, its cost, its curve of accuracy over samples, its pictures (by set and
     material), what its training saw of itself (see `Progress`), and its properties (see
     `measure_properties`)."""
@@ -108,20 +105,17 @@ class MethodResult:
 
     def json(self) -> dict[str, Any]:
         """As the report's reader expects it."""
-        return {
-            "sets": {name: cell.json() for name, cell in self.cells.items()},
-            **vars(self.cost),
-            "curve": [point.json() for point in self.curve],
-            "progress": list(self.progress),
-            "properties": self.properties,
-        }
+        rest = {name: getattr(self, name) for name in ("curve", "progress", "properties")}
+        return plain({"sets": self.cells, **vars(self.cost), **rest})
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(Result):
     """Every method by name, on spheres `pixels` wide; `truth` holds the pictures to compare with,
     of the pixels `inside` [S, S].
     """
+
+    JSON = (("metric", None), ("seconds", 1), ("methods", None))
 
     methods: dict[str, MethodResult]
     truth: dict[tuple[str, str], Tensor]
@@ -133,10 +127,7 @@ class Report:
         """Width of the spheres."""
         return len(self.inside)
 
-    def json(self) -> dict[str, Any]:
-        """The content of `representation.json`."""
-        return {
-            "metric": {"pixels": self.pixels, "seed": SEED, "bad_fits": list(BAD_FITS)},
-            "seconds": round(self.seconds, 1),
-            "methods": {name: method.json() for name, method in self.methods.items()},
-        }
+    @property
+    def metric(self) -> dict[str, Any]:
+        """How scores were made."""
+        return {"pixels": self.pixels, "seed": SEED, "bad_fits": BAD_FITS}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from collections.abc import Sequence as Names
@@ -13,28 +12,27 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from model_runtime.errors import UsageError
 from model_runtime.model_files.weights import ENCODER
 from model_runtime.states import rows_of
 
 from ...ntm import NTMConfig
-from ..bench.kept import identity, keep, read_kept
-from ..representation.methods import WEIGHTS
+from ..bench.encoders import WEIGHTS
+from ..bench.kept import identity, kept_json
+from ..bench.results import chosen, write_report
+from ..bench.spheres import TexturedSphere
 from ..synthesis.methods import load_models
-from ..synthesis.sphere import TexturedSphere
-from ..synthesis.training import Effort, School, describe
+from ..synthesis.sources import Effort, SourceModels, describe
 from .inputs import INPUTS
-from .means import MEANS
-from .report import write_report
+from .learning import LEARNING
+from .report import draw_chart, page
 from .results import MethodResult, StabilityReport
-from .runs import Classroom, Outcome
-from .sources import SOURCES
+from .runs import Outcome, Trials
 from .targets import TARGETS
-from .trials import EVERY, Stress, Trial, World
+from .trials import EVERY, Stress, Trial, TrialSetup
 
 __all__ = ("STRESSES", "evaluate_stability")
 
-STRESSES: Mapping[str, Stress] = {**TARGETS, **INPUTS, **MEANS, **SOURCES}
+STRESSES: Mapping[str, Stress] = {**TARGETS, **INPUTS, **LEARNING}
 """By name."""
 
 _VERSION = 1
@@ -62,37 +60,30 @@ def evaluate_stability(
     Raises `UsageError` for methods and stresses that do not exist, `ModelFileError` for weights
     that are missing.
     """
-    names, wanted = tuple(methods or EVERY), tuple(stresses or STRESSES)
-    for kind, asked, known in (("method", names, EVERY), ("stress", wanted, tuple(STRESSES))):
-        unknown = [name for name in asked if name not in known]
-        if unknown:
-            raise UsageError(
-                f"There is no {kind} '{unknown[0]}'.", f"Choose among {', '.join(known)}."
-            )
+    names, wanted = chosen("method", methods, EVERY), chosen("stress", stresses, STRESSES)
     start = time.perf_counter()
-    kept = output / "kept"
-    models = load_models(names, School(kept, effort), encoder=ENCODER, weights=weights)
-    sphere = TexturedSphere.load(data / "hdri", pixels=pixels, stride=stride, kept=kept)
-    classroom, world = Classroom(models, sphere), World(data, pixels)
-    found: dict[str, dict[str, MethodResult]] = {}
+    folder = output / "kept"
+    models = load_models(names, SourceModels(folder, effort), encoder=ENCODER, weights=weights)
+    sphere = TexturedSphere.load(data / "hdri", pixels=pixels, stride=stride, folder=folder)
+    trials, setup = Trials(models, sphere), TrialSetup(data, pixels)
+    outcomes: dict[str, dict[str, dict[float, Outcome]]] = {}
     cells = [(name, x) for name in wanted for x in STRESSES[name].severities]
-    outcomes: dict[tuple[str, str], dict[float, Outcome]] = {}
     for name, x in tqdm(cells, desc="stresses", unit=" trial"):
-        stress = STRESSES[name]
-        trial = stress.make(world, x)
+        trial = STRESSES[name].make(setup, x)
         described = _description(trial, f"{pixels} {stride} {effort} {_VERSION}")
         for method in names:
-            if method in stress.methods:
-                outcome = _kept(kept, identity(described, method), trial, method, classroom)
-                outcomes.setdefault((name, method), {})[x] = outcome
-    for (name, method), each in outcomes.items():
-        found.setdefault(name, {})[method] = MethodResult(each, method == "ours")
+            if method in STRESSES[name].methods:
+                outcome = _outcome(folder, identity(described, method), trial, method, trials)
+                outcomes.setdefault(name, {}).setdefault(method, {})[x] = outcome
+    found = {
+        name: {method: MethodResult(each, method == "ours") for method, each in methods.items()}
+        for name, methods in outcomes.items()
+    }
     settings = {"pixels": pixels, "stride": stride, "effort": asdict(effort)}
     report = StabilityReport(found, settings, time.perf_counter() - start)
     output.mkdir(parents=True, exist_ok=True)
-    write_report(report, STRESSES, output)
-    text = json.dumps(report.json(), indent=1)
-    (output / "stability.json").write_text(text, encoding="utf-8")
+    draw_chart(report, STRESSES, output / "stability.png")
+    write_report(output, "stability", page(report, STRESSES), report)
     return report
 
 
@@ -107,18 +98,8 @@ def _description(trial: Trial, settings: str) -> str:
     return identity(*parts, str(rest), "" if trial.killed is None else f"{trial.killed}")
 
 
-def _kept(kept: Path, made_from: str, trial: Trial, method: str, classroom: Classroom) -> Outcome:
+def _outcome(folder: Path, made_from: str, trial: Trial, method: str, trials: Trials) -> Outcome:
     """From an earlier run, or another stress that is as harmless, or anew."""
-    path = kept / f"trial_{made_from[:20]}.safetensors"
-    stored = read_kept(path, made_from)
-    if stored is None:
-        outcome = classroom.run(trial, method)
-        said = json.dumps(outcome.said).encode()
-        stored = {
-            "psnr": torch.tensor(outcome.psnr, dtype=torch.float64),
-            "in_gamut": torch.tensor(outcome.in_gamut),
-            "said": torch.tensor(list(said), dtype=torch.uint8),
-        }
-        keep(path, stored, made_from)
-    said = json.loads(bytes(stored["said"].tolist()))
-    return Outcome(float(stored["psnr"]), bool(stored["in_gamut"]), tuple(said))
+    path = folder / f"trial_{made_from[:20]}.json"
+    found = kept_json(path, made_from, lambda: asdict(trials.run(trial, method)))
+    return Outcome(found["psnr"], found["in_gamut"], tuple(found["said"]))

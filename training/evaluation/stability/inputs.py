@@ -19,27 +19,27 @@ from model_runtime.channels import ALPHA_MIN
 from model_runtime.maps import TorranceSparrowMaps
 
 from ...data.synthetic import from_pbr
-from .trials import Stress, Trial, World
+from .trials import Stress, Trial, TrialSetup
 
 __all__ = ("INPUTS",)
 
 _SEED = 20240715
 
 
-def _noise(world: World, percent: float) -> Trial:
+def _noise(setup: TrialSetup, percent: float) -> Trial:
     """Every value off by a normal share of itself; what falls below 0 is 0."""
     rng = np.random.default_rng(_SEED)
-    start, strength = world.start, np.float32(percent / 100)
+    start, strength = setup.start, np.float32(percent / 100)
 
     def noisy(maps: NDArray[np.float32]) -> NDArray[np.float32]:
         off = 1 + strength * rng.standard_normal(maps.shape, np.float32)
         return np.maximum(maps * off, 0)
 
     damaged = start.map(noisy)
-    return Trial(world.case(), given=replace(damaged, alpha=np.clip(damaged.alpha, ALPHA_MIN, 1)))
+    return Trial(setup.case(), given=replace(damaged, alpha=np.clip(damaged.alpha, ALPHA_MIN, 1)))
 
 
-def _bits(world: World, bits: float) -> Trial:
+def _bits(setup: TrialSetup, bits: float) -> Trial:
     """Colour (in sRGB) and roughness, each rounded to so many bits a channel."""
     levels = 2 ** int(bits) - 1
 
@@ -47,10 +47,10 @@ def _bits(world: World, bits: float) -> Trial:
         codes = np.rint(np.asarray(image, np.float64) / 255 * levels) / levels
         return Image.fromarray(np.rint(255 * codes).astype(np.uint8))
 
-    return Trial(world.case(), given=_stored_again(world, coarse))
+    return Trial(setup.case(), given=_stored_again(setup, coarse))
 
 
-def _jpeg(world: World, quality: float) -> Trial:
+def _jpeg(setup: TrialSetup, quality: float) -> Trial:
     """Colour and roughness saved once more as JPEG."""
 
     def saved(image: Image.Image) -> Image.Image:
@@ -58,40 +58,40 @@ def _jpeg(world: World, quality: float) -> Trial:
         image.save(file, "JPEG", quality=int(quality))
         return Image.open(file).convert(image.mode)
 
-    return Trial(world.case(), given=_stored_again(world, saved))
+    return Trial(setup.case(), given=_stored_again(setup, saved))
 
 
-def _stored_again(world: World, change) -> TorranceSparrowMaps:
+def _stored_again(setup: TrialSetup, change) -> TorranceSparrowMaps:
     """The target from its images, each put through `change`."""
-    folder = world.data / "pbr" / World.MATERIAL
+    folder = setup.data / "pbr" / TrialSetup.MATERIAL
     with tempfile.TemporaryDirectory() as copies:
         for name in ("Color", "Roughness"):
             (path,) = folder.glob(f"*_{name}.jpg")
             with Image.open(path) as image:
-                image = image.crop(world.target_box).convert("RGB" if name == "Color" else "L")
+                image = image.crop(setup.target_box).convert("RGB" if name == "Color" else "L")
             change(image).save(Path(copies) / f"{path.stem}.png")
             (Path(copies) / f"{path.stem}.png").rename(Path(copies) / path.name)
-        whole = slice(0, world.size)
+        whole = slice(0, setup.size)
         return from_pbr(Path(copies), (whole, whole))
 
 
-def _share(world: World, share: float, value: float) -> Trial:
+def _share(setup: TrialSetup, share: float, value: float) -> Trial:
     """A share of the texels, at least one where it is not 0, with `value` in every map."""
-    count = world.size**2
+    count = setup.size**2
     rng = np.random.default_rng(_SEED)
     hit = np.zeros(count, bool)
     hit[rng.permutation(count)[: int(np.ceil(share * count))]] = True
-    there = hit.reshape(world.size, world.size)
-    return Trial(world.case(), given=_with(world.start, there, value))
+    there = hit.reshape(setup.size, setup.size)
+    return Trial(setup.case(), given=_with(setup.start, there, value))
 
 
-def _broken(world: World, value: float) -> Trial:
+def _broken(setup: TrialSetup, value: float) -> Trial:
     """One texel whose Kd and Ks are `value` and whose alpha is 1e-4 or 1; it does not count."""
-    there = np.zeros((world.size, world.size), bool)
-    there[world.size // 2, world.size // 2] = True
-    broken = _with(world.start, there, value)
-    alpha = np.where(there, np.float32(1 if value > 1 else ALPHA_MIN), world.start.alpha)
-    return Trial(world.case(), given=replace(broken, alpha=alpha), unscored=there)
+    there = np.zeros((setup.size, setup.size), bool)
+    there[setup.size // 2, setup.size // 2] = True
+    broken = _with(setup.start, there, value)
+    alpha = np.where(there, np.float32(1 if value > 1 else ALPHA_MIN), setup.start.alpha)
+    return Trial(setup.case(), given=replace(broken, alpha=alpha), unscored=there)
 
 
 def _with(start: TorranceSparrowMaps, there: NDArray[np.bool_], value: float):
@@ -115,15 +115,15 @@ INPUTS: Mapping[str, Stress] = {
     "jpeg": Stress("JPEG input", "quality", (95.0, 50.0, 25.0, 10.0, 1.0), _jpeg),
     "nan": Stress(
         "NaN texels", "share of texels", _SHARES,
-        lambda world, share: _share(world, share, np.nan), note=_REFUSED,
+        lambda setup, share: _share(setup, share, np.nan), note=_REFUSED,
     ),
     "infinite": Stress(
         "infinite texels", "share of texels", _SHARES,
-        lambda world, share: _share(world, share, np.inf), note=_REFUSED,
+        lambda setup, share: _share(setup, share, np.inf), note=_REFUSED,
     ),
     "negative": Stress(
         "negative texels", "share of texels", _SHARES,
-        lambda world, share: _share(world, share, -1.0), note=_REFUSED,
+        lambda setup, share: _share(setup, share, -1.0), note=_REFUSED,
     ),
     "broken_texel": Stress(
         "one broken texel, the others' picture", "its Kd and Ks",

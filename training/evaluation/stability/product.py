@@ -11,7 +11,7 @@ import OpenEXR
 import torch
 from torch import Tensor
 
-from model_runtime.age import AgeRequest, age
+from model_runtime.age import AgeRequest
 from model_runtime.contract import BALANCED, EVERYWHERE, TORRANCE_SPARROW, frame_file
 from model_runtime.errors import TvbrdfError
 from model_runtime.images import read_image
@@ -20,7 +20,7 @@ from model_runtime.modelling.aged import EFFORTS, Effort
 from model_runtime.request import request_from
 from model_runtime.states import rows_of
 
-from ..bench.silent import Silent
+from ..bench.ageing import age_silently
 from .trials import Trial
 
 __all__ = ("Aged", "age_trial")
@@ -60,7 +60,7 @@ def age_trial(trial: Trial, given: TorranceSparrowMaps, ntm: Path) -> Aged:
             source, str(ntm), output, frames=frames, onset=EVERYWHERE, format=TORRANCE_SPARROW
         )
         try:
-            said += age(request, Silent(), _effort(trial))["warnings"]
+            said += age_silently(request, _effort(trial))["warnings"]
         except TvbrdfError as error:
             return Aged(None, (*said, str(error)))
         states = torch.stack([_read(output, frame + 1) for frame in wanted])
@@ -105,7 +105,6 @@ def _write(maps: TorranceSparrowMaps, folder: Path) -> None:
 
 def _read(folder: Path, number: int) -> Tensor:
     """States [H W, C] of a frame, counted from 1."""
-    kd, ks, alpha = (
-        read_image(folder / frame_file(name, number - 1), color=name != "alpha") for name in _MAPS
-    )
-    return rows_of(TorranceSparrowMaps(kd, ks, alpha))
+    files = ((name, folder / frame_file(name, number - 1)) for name in _MAPS)
+    maps = TorranceSparrowMaps(*(read_image(file, color=name != "alpha") for name, file in files))
+    return rows_of(maps)

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..synthesis.charts import COLORS, TITLES
+from ..bench.charts import LOOKS, grid, panels
+from ..bench.results import image, table
 from .results import FAILS_BELOW, MethodResult, StabilityReport
 from .trials import Stress
 
-__all__ = ("draw_chart", "stability_table", "write_report")
+__all__ = ("draw_chart", "page", "stability_table")
 
 _COLUMNS = 4
 _TOP = 70.0
@@ -23,11 +23,10 @@ _NOTHING = 2.0
 _OURS = "ours"
 
 
-def write_report(report: StabilityReport, stresses: Mapping[str, Stress], folder: Path) -> None:
-    """Write `stability.md` and `stability.png` to `folder`."""
-    draw_chart(report, stresses, folder / "stability.png")
+def page(report: StabilityReport, stresses: Mapping[str, Stress]) -> list[str]:
+    """The paragraphs of `stability.md`."""
     noted = [stresses[name] for name in report.stresses if stresses[name].note]
-    parts = [
+    return [
         "# Where methods fail",
         _explanation(report),
         stability_table(report, stresses),
@@ -36,9 +35,8 @@ def write_report(report: StabilityReport, stresses: Mapping[str, Stress], folder
         "## What the stresses leave out",
         "\n".join(f"- {stress.title}: {stress.note}." for stress in noted),
         "## Curves",
-        "![PSNR by severity](stability.png)",
+        image("stability.png", "PSNR by severity"),
     ]
-    (folder / "stability.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
 
 
 def _explanation(report: StabilityReport) -> str:
@@ -62,15 +60,17 @@ def stability_table(report: StabilityReport, stresses: Mapping[str, Stress]) -> 
     """A row a stress: where each method fails, and where the product says that something is
     wrong.
     """
-    methods = [name for name in TITLES if any(name in found for found in report.stresses.values())]
-    titles = " | ".join(TITLES[name] for name in methods)
-    lines = [f"| fails at | {titles} | product says |", "|---" * (len(methods) + 2) + "|"]
+    methods, rows = _shown(report), []
     for name, found in report.stresses.items():
         stress = stresses[name]
         points = [_point(stress, found[m]) if m in found else "" for m in methods]
-        texts = [f"{stress.title}: {stress.axis}", *points, _said(stress, found)]
-        lines.append("| " + " | ".join(texts) + " |")
-    return "\n".join(lines)
+        rows.append([f"{stress.title}: {stress.axis}", *points, _said(stress, found)])
+    return table(["fails at", *(LOOKS[name].title for name in methods), "product says"], rows)
+
+
+def _shown(report: StabilityReport) -> list[str]:
+    """The methods of the report, in the order of all tables."""
+    return [name for name in LOOKS if any(name in found for found in report.stresses.values())]
 
 
 def _point(stress: Stress, found: MethodResult) -> str:
@@ -94,7 +94,7 @@ def _behind(report: StabilityReport, stresses: Mapping[str, Stress]) -> str:
     lines = []
     for name in report.stresses:
         ahead = [
-            f"{TITLES[method]} holds to {_label(stresses[name], x)}"
+            f"{LOOKS[method].title} holds to {_label(stresses[name], x)}"
             for method, x in report.behind(name).items()
             if x is not None
         ]
@@ -110,16 +110,10 @@ def _label(stress: Stress, x: float) -> str:
 def draw_chart(report: StabilityReport, stresses: Mapping[str, Stress], path: Path) -> None:
     """A panel a stress: PSNR by severity, a line a method, harmless left and absurd right."""
     names = list(report.stresses)
-    columns = min(_COLUMNS, len(names))
-    rows = -(-len(names) // columns)
-    figure = Figure(figsize=(3.0 * columns, 2.2 * rows + 0.9), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for ax, name in zip(axes, names, strict=False):
+    figure, axes = panels(len(names), _COLUMNS, (3.0 * min(_COLUMNS, len(names)), 2.2))
+    for i, (ax, name) in enumerate(zip(axes, names, strict=True)):
+        grid(ax, "", stresses[name].axis, "" if i % _COLUMNS else "PSNR (dB)")
         _panel(ax, stresses[name], report.stresses[name])
-    for ax in axes[len(names) :]:
-        ax.set_visible(False)
-    for ax in axes[::columns]:
-        ax.set_ylabel("PSNR (dB)", fontsize=8)
     figure.legend(handles=_legend(report), loc="outside upper center", ncols=4, frameon=False)
     figure.savefig(path, dpi=80)
 
@@ -127,32 +121,30 @@ def draw_chart(report: StabilityReport, stresses: Mapping[str, Stress], path: Pa
 def _panel(ax: Axes, stress: Stress, methods: Mapping[str, MethodResult]) -> None:
     place = {x: i for i, x in enumerate(stress.severities)}
     for name, found in sorted(methods.items(), key=lambda item: item[0] == _OURS):
+        color, thick = LOOKS[name].color, 2.6 if name == _OURS else 1.2
         x = np.array([place[severity] for severity in found.outcomes])
         y = np.array([min(outcome.psnr, _TOP) for outcome in found.outcomes.values()])
         fits = np.array([outcome.in_gamut for outcome in found.outcomes.values()])
-        thick = 2.6 if name == _OURS else 1.2
-        ax.plot(x, y, "-", color=COLORS[name], linewidth=thick)
-        for some, face in ((fits, COLORS[name]), (~fits, "white")):
-            ax.plot(x[some], y[some], "o", color=COLORS[name], mfc=face, ms=1.6 * thick + 1.4)
+        ax.plot(x, y, "-", color=color, linewidth=thick)
+        for some, face in ((fits, color), (~fits, "white")):
+            ax.plot(x[some], y[some], "o", color=color, mfc=face, ms=1.6 * thick + 1.4)
         none = np.isnan(y)
-        ax.plot(x[none], np.full(none.sum(), _NOTHING), "x", color=COLORS[name], ms=4.5 + thick)
+        ax.plot(x[none], np.full(none.sum(), _NOTHING), "x", color=color, ms=4.5 + thick)
         if found.noticed_from is not None:
             said = (place[found.noticed_from] - 0.15, len(place) - 0.8)
-            ax.axvspan(*said, color=COLORS[name], alpha=0.12, linewidth=0)
+            ax.axvspan(*said, color=color, alpha=0.12, linewidth=0)
     ax.axhline(FAILS_BELOW, color="#777777", linewidth=0.9, linestyle="--")
     ax.set_ylim(0, _TOP + 3)
     ax.set_xlim(-0.2, len(place) - 0.8)
     ax.set_xticks(range(len(place)), [_label(stress, x) for x in place], fontsize=7)
     ax.tick_params(axis="y", labelsize=7)
     ax.set_title(stress.title, fontsize=9)
-    ax.set_xlabel(stress.axis, fontsize=8, labelpad=1)
-    ax.grid(color="#e4e4e4", linewidth=0.5)
 
 
 def _legend(report: StabilityReport) -> list[Line2D | Patch]:
-    shown = [name for name in TITLES if any(name in found for found in report.stresses.values())]
-    lines: list[Line2D | Patch] = [
-        Line2D([], [], color=COLORS[name], marker="o", label=TITLES[name]) for name in shown
+    lines = [
+        Line2D([], [], color=LOOKS[name].color, marker="o", label=LOOKS[name].title)
+        for name in _shown(report)
     ]
     grey = "#777777"
     return [
@@ -160,5 +152,5 @@ def _legend(report: StabilityReport) -> list[Line2D | Patch]:
         Line2D([], [], color=grey, marker="o", mfc="white", linestyle="", label="out of gamut"),
         Line2D([], [], color=grey, marker="x", linestyle="", label="nothing came out"),
         Line2D([], [], color=grey, linestyle="--", label=f"{FAILS_BELOW:g} dB: failed below"),
-        Patch(color=COLORS[_OURS], alpha=0.15, label="the product warns or refuses"),
+        Patch(color=LOOKS[_OURS].color, alpha=0.15, label="the product warns or refuses"),
     ]

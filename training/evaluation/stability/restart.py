@@ -16,30 +16,29 @@ from model_runtime.model_files.weights import ENCODER
 from model_runtime.representation import load_representation
 
 from ...data.sequences import Sequence
-from ..synthesis.training import Effort, School
+from ..synthesis.sources import SourceModels
 
-__all__ = ("killed_school",)
+__all__ = ("killed_training",)
 
 _LSTMS = 2  # on parameters and on latents, each also trained for a share on two ranges
 _RANGES = 2
 _LOOK = 0.02  # seconds
 
 
-def killed_school(school: School, key: str, source: Sequence, share: float) -> School:
-    """A school of its own that was killed after a share of the ladder's iterations on `source`, and
-    has yet to resume. It writes a checkpoint after every iteration.
+def killed_training(models: SourceModels, key: str, source: Sequence, share: float) -> SourceModels:
+    """The same with a folder of its own, where it was killed after a share of the ladder's
+    iterations on `source`, and has yet to resume. It writes a checkpoint after every iteration.
 
     One that was killed earlier, and may have resumed since, is returned as it is.
     """
-    folder = school.kept / f"killed_{share:g}"
-    resumed = replace(school, kept=folder, save_every=0.0)
+    resumed = replace(models, folder=models.folder / f"killed_{share:g}", save_every=0.0)
+    folder, effort = resumed.folder, models.effort.ladder
     if (folder / f"ntm_{key}.safetensors").exists():
         return resumed
     shutil.rmtree(folder, ignore_errors=True)
-    iterations = school.effort.ladder.iterations
-    total = _LSTMS * (iterations + _RANGES * round(iterations * school.effort.ladder.fold_share))
+    total = _LSTMS * (effort.iterations + _RANGES * round(effort.iterations * effort.fold_share))
     child = multiprocessing.get_context("spawn").Process(
-        target=_learn, args=(folder, school.effort, key, source, torch.get_num_threads())
+        target=_learn, args=(resumed, key, source, torch.get_num_threads())
     )
     child.start()
     while child.is_alive() and _iterations_done(folder) < share * total:
@@ -49,10 +48,9 @@ def killed_school(school: School, key: str, source: Sequence, share: float) -> S
     return resumed
 
 
-def _learn(folder: Path, effort: Effort, key: str, source: Sequence, threads: int) -> None:
+def _learn(models: SourceModels, key: str, source: Sequence, threads: int) -> None:
     torch.set_num_threads(threads)
-    representation, encoder = load_representation(ENCODER)
-    School(folder, effort, save_every=0.0).ladder(key, source, representation, encoder)
+    models.ladder(key, source, *load_representation(ENCODER))
 
 
 def _iterations_done(folder: Path) -> int:

@@ -1,4 +1,4 @@
-"""What the report `stability` found, and how it is written as JSON."""
+"""What the report `stability` found."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..bench.results import Result, plain
 from .runs import Outcome
 
 __all__ = ("FAILS_BELOW", "MethodResult", "StabilityReport")
@@ -16,7 +17,7 @@ FAILS_BELOW = 25.0
 
 
 @dataclass(frozen=True)
-class MethodResult:
+class MethodResult(Result):
     """One method under one stress: its outcome at each severity, from harmless to absurd.
 
     product: whether it is the one that can notice
@@ -33,12 +34,7 @@ class MethodResult:
     @property
     def holds_to(self) -> float | None:
         """The last severity before it fails; None where it fails from the first."""
-        holding = None
-        for x, found in self.outcomes.items():
-            if _failure(found):
-                break
-            holding = x
-        return holding
+        return list(self.outcomes)[self.steps - 1] if self.steps else None
 
     @property
     def steps(self) -> int:
@@ -67,10 +63,7 @@ class MethodResult:
         row: dict[str, Any] = {
             "fails_at": failing,
             "noticed": self.noticed,
-            "curve": [
-                [x, None if math.isnan(found.psnr) else round(found.psnr, 2)]
-                for x, found in self.outcomes.items()
-            ],
+            "curve": [[x, plain(found.psnr, 2)] for x, found in self.outcomes.items()],
             "failure": None if failing is None else _failure(self.outcomes[failing]),
         }
         if self.product:
@@ -89,7 +82,7 @@ def _failure(found: Outcome) -> str | None:
 
 
 @dataclass(frozen=True)
-class StabilityReport:
+class StabilityReport(Result):
     """Every stress by name, with its methods by name."""
 
     stresses: Mapping[str, Mapping[str, MethodResult]]
@@ -106,11 +99,6 @@ class StabilityReport:
 
     def json(self) -> dict[str, Any]:
         """The content of `stability.json`."""
-        return {
-            "stresses": {
-                name: {"methods": {method: found.json() for method, found in methods.items()}}
-                for name, methods in self.stresses.items()
-            },
-            "settings": dict(self.settings),
-            "seconds": round(self.seconds, 1),
-        }
+        stresses = {name: {"methods": methods} for name, methods in self.stresses.items()}
+        settings = {"settings": self.settings, "seconds": round(self.seconds, 1)}
+        return plain({"stresses": stresses, **settings})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -24,15 +25,14 @@ from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...data.sequences import Sequence
 from ...metric.sphere import psnr
-from ..synthesis.cases import states_of
+from ..bench.ageing import texels_of
+from ..bench.spheres import TexturedSphere
 from ..synthesis.methods import Decoded, Method, Models, Rung, Transferred, method_for
-from ..synthesis.sphere import TexturedSphere
-from ..synthesis.training import School
 from .product import age_trial
-from .restart import killed_school
+from .restart import killed_training
 from .trials import GivenStage, Trial
 
-__all__ = ("Classroom", "Outcome")
+__all__ = ("Outcome", "Trials")
 
 _OUTSIDE = 0.01  # share of texels out of gamut that is a failure
 _SLACK = 0.005  # how far out counts: nobody sees less
@@ -55,64 +55,65 @@ class Outcome:
 
 
 @dataclass
-class Classroom:
-    """Where methods are taught, each source only while trials follow that have it."""
+class Trials:
+    """Runs trials: methods are trained once for all that follow each other with one source."""
 
     models: Models
     sphere: TexturedSphere
     _source: str = ""
-    _taught: dict[str, Method] = field(default_factory=dict)
+    _trained: dict[str, Method] = field(default_factory=dict)
 
     def run(self, trial: Trial, name: str) -> Outcome:
-        """The method `name` taught on the trial's source and scored on its target."""
+        """The method `name` trained on the trial's source and scored on its target."""
         case = trial.case
         stage = GivenStage(case, self.sphere, GivenStage.of(case, self.sphere).texels, trial.given)
         if trial.dtype is not None:
             stage = replace(stage, given=_stored(stage.initial, trial.dtype))
         try:
-            method = self._method(trial, name)
+            models = self._models(trial)
+            method = self._method(trial, name, models)
             if trial.dtype is not None:
                 method = _stored(method, trial.dtype)
             if name != "ours":
                 return _rival(trial, stage, method)
             assert isinstance(method, Rung)
-            return _product(trial, stage, method, self._school(trial))
+            return _product(trial, stage, method, models.sources.folder)
         except (InputError, ValueError, LinAlgError):  # a baseline has no use for such data
             return Outcome(math.nan)
 
-    def _method(self, trial: Trial, name: str) -> Method:
+    def _method(self, trial: Trial, name: str, models: Models) -> Method:
         if self._source != trial.case.source_key:
-            self._source, self._taught = trial.case.source_key, {}
+            self._source, self._trained = trial.case.source_key, {}
         if trial.killed is not None:
-            return method_for(name, trial.case, replace(self.models, school=self._school(trial)))
-        if name not in self._taught:
-            self._taught[name] = method_for(name, trial.case, self.models)
-        return self._taught[name]
+            return method_for(name, trial.case, models)
+        if name not in self._trained:
+            self._trained[name] = method_for(name, trial.case, models)
+        return self._trained[name]
 
-    def _school(self, trial: Trial) -> School:
-        school, source = self.models.school, trial.case.source
+    def _models(self, trial: Trial) -> Models:
+        sources, source = self.models.sources, trial.case.source
         if trial.killed is None:
-            return school
+            return self.models
         assert isinstance(source, Sequence)
-        return killed_school(school, trial.case.source_key, source, trial.killed)
+        killed = killed_training(sources, trial.case.source_key, source, trial.killed)
+        return replace(self.models, sources=killed)
 
 
-def _product(trial: Trial, stage: GivenStage, method: Rung, school: School) -> Outcome:
-    path = school.kept / f"ntm_{trial.case.source_key}.safetensors"
+def _product(trial: Trial, stage: GivenStage, method: Rung, folder: Path) -> Outcome:
+    path = folder / f"ntm_{trial.case.source_key}.safetensors"
     if trial.dtype is not None:
-        path = school.kept / "stored.safetensors"
+        path = folder / "stored.safetensors"
         save_model(path, method.ntm.tensors(), method.ntm.card.details, kind="ntm")
     aged = age_trial(trial, stage.initial, path)
     if aged.states is None:
         return Outcome(math.nan, said=aged.said)
-    found = _scored_states(trial, stage, aged.states, None)
-    return replace(found, said=aged.said)
+    return replace(_scored_states(trial, stage, aged.states, None), said=aged.said)
 
 
 def _rival(trial: Trial, stage: GivenStage, method: Method) -> Outcome:
     if isinstance(method, Transferred):
         sequence = method.model.synthesize(stage.initial, trial.case.target.times)
-        return _scored_states(trial, stage, states_of(sequence).flatten(1, 2)[trial.frames], None)
+        return _scored_states(trial, stage, texels_of(sequence).flatten(1, 2)[trial.frames], None)
     pixels = _few(stage) if method.dear(stage) else torch.arange(len(stage.texels))
     if isinstance(method, Decoded):
         steps = None if trial.span > 1 else len(trial.case.source.times)
@@ -162,7 +163,7 @@ def _scored_states(
         return Outcome(math.nan)
     target = trial.case.target
     assert isinstance(target, Sequence)
-    true = states_of(target).flatten(1, 2)[trial.frames][:, stage.texels[pixels]]
+    true = texels_of(target).flatten(1, 2)[trial.frames][:, stage.texels[pixels]]
     out = _out_of_gamut(shown, true, stage.start[stage.texels[pixels]])
     share = float(out[:, _counted(trial, stage, pixels)].float().mean(1).max())
     return replace(outcome, in_gamut=share <= _OUTSIDE)

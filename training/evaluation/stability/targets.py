@@ -13,7 +13,7 @@ from model_runtime.maps import TorranceSparrowMaps
 from ...data.sequences import uniform_times
 from ...data.synthetic import S1_DELTA, offset, s1, s2
 from ..synthesis.cases import Case
-from .trials import FRAMES, Stress, Trial, World, grown
+from .trials import FRAMES, Stress, Trial, TrialSetup, grown
 
 __all__ = ("TARGETS",)
 
@@ -23,14 +23,14 @@ _A = 0.8
 _SPAN = 0.1  # of the process, that the source of a longer target shows
 
 
-def _roughness_gap(world: World, beta: float) -> Trial:
-    source, target = world.patches(_GAP_MATERIAL)
+def _roughness_gap(setup: TrialSetup, beta: float) -> Trial:
+    source, target = setup.patches(_GAP_MATERIAL)
     start = offset(target, delta=(0.0, 0.0, 0.0), beta=beta)
     return Trial(_gap("s2", s2(source, _A), s2(start, _A)))
 
 
-def _colour_gap(world: World, factor: float) -> Trial:
-    source, target = world.patches(_GAP_MATERIAL)
+def _colour_gap(setup: TrialSetup, factor: float) -> Trial:
+    source, target = setup.patches(_GAP_MATERIAL)
     red, green, blue = S1_DELTA
     delta = (red * factor, green * factor, blue * factor)
     start = offset(target, delta=delta, beta=0.0)
@@ -42,39 +42,39 @@ def _gap(family: str, source, target) -> Case:
     return Case(name, _GAP_MATERIAL, source, target, name)
 
 
-def _alpha(world: World, median: float) -> Trial:
+def _alpha(setup: TrialSetup, median: float) -> Trial:
     """The target's alpha scaled to a median."""
-    start = world.start
+    start = setup.start
     alpha = start.alpha * np.float32(median / np.median(start.alpha))
-    return _beginning(world, replace(start, alpha=np.clip(alpha, ALPHA_MIN, 1)))
+    return _beginning(setup, replace(start, alpha=np.clip(alpha, ALPHA_MIN, 1)))
 
 
-def _specular(world: World, mean: float) -> Trial:
+def _specular(setup: TrialSetup, mean: float) -> Trial:
     """The target's Ks scaled to a mean."""
-    start = world.start
-    return _beginning(world, replace(start, ks=start.ks * np.float32(mean / start.ks.mean())))
+    start = setup.start
+    return _beginning(setup, replace(start, ks=start.ks * np.float32(mean / start.ks.mean())))
 
 
-def _albedo(world: World, factor: float) -> Trial:
+def _albedo(setup: TrialSetup, factor: float) -> Trial:
     """The target's Kd and Ks times a factor."""
-    start, times = world.start, np.float32(factor)
-    return _beginning(world, replace(start, kd=start.kd * times, ks=start.ks * times))
+    start, times = setup.start, np.float32(factor)
+    return _beginning(setup, replace(start, kd=start.kd * times, ks=start.ks * times))
 
 
-def _foreign_mixed(world: World, share: float) -> Trial:
+def _foreign_mixed(setup: TrialSetup, share: float) -> Trial:
     """Every texel mixed with one of another kind of material."""
-    own = world.start.map(lambda maps: maps * np.float32(1 - share))
-    other = _foreign(world).map(lambda maps: maps * np.float32(share))
+    own = setup.start.map(lambda maps: maps * np.float32(1 - share))
+    other = _foreign(setup).map(lambda maps: maps * np.float32(share))
     mixed = TorranceSparrowMaps(own.kd + other.kd, own.ks + other.ks, own.alpha + other.alpha)
-    return _beginning(world, mixed)
+    return _beginning(setup, mixed)
 
 
-def _foreign_part(world: World, share: float) -> Trial:
+def _foreign_part(setup: TrialSetup, share: float) -> Trial:
     """A part of the texels, from the left, of another kind of material."""
-    foreign, start = _foreign(world), world.start
-    there = (np.arange(world.size) < round(share * world.size))[None].repeat(world.size, 0)
+    foreign, start = _foreign(setup), setup.start
+    there = (np.arange(setup.size) < round(share * setup.size))[None].repeat(setup.size, 0)
     return _beginning(
-        world,
+        setup,
         TorranceSparrowMaps(
             np.where(there[..., None], foreign.kd, start.kd),
             np.where(there[..., None], foreign.ks, start.ks),
@@ -83,26 +83,26 @@ def _foreign_part(world: World, share: float) -> Trial:
     )
 
 
-def _foreign(world: World) -> TorranceSparrowMaps:
-    return world.patches(_FOREIGN)[1]
+def _foreign(setup: TrialSetup) -> TorranceSparrowMaps:
+    return setup.patches(_FOREIGN)[1]
 
 
-def _rollout(world: World, span: float) -> Trial:
+def _rollout(setup: TrialSetup, span: float) -> Trial:
     """The source shows a tenth of the process, the target `span` times as long."""
     times = np.linspace(0, span, round(span * (FRAMES - 1)) + 1, dtype=np.float32)
-    source = grown(world.patches()[0], until=_SPAN)
-    target = grown(world.start, times=times, until=_SPAN)
-    return Trial(world.case(source=source, target=target, key="tenth"), last_only=True, span=span)
+    source = grown(setup.patches()[0], until=_SPAN)
+    target = grown(setup.start, times=times, until=_SPAN)
+    return Trial(setup.case(source=source, target=target, key="tenth"), last_only=True, span=span)
 
 
-def _resampled(world: World, frames: float) -> Trial:
+def _resampled(setup: TrialSetup, frames: float) -> Trial:
     """The target is asked for at another number of times than the source was seen at."""
     times = uniform_times(int(frames))
-    return Trial(world.case(target=grown(world.start, times=times)))
+    return Trial(setup.case(target=grown(setup.start, times=times)))
 
 
-def _beginning(world: World, start: TorranceSparrowMaps) -> Trial:
-    return Trial(world.case(start=start))
+def _beginning(setup: TrialSetup, start: TorranceSparrowMaps) -> Trial:
+    return Trial(setup.case(start=start))
 
 
 _AFFINE = "the change is channelwise affine, which the affine rung holds exactly"

@@ -1,4 +1,4 @@
-"""What a stress is: a world in which methods learn and continue, made worse by degrees."""
+"""What a stress is: a setup in which methods learn and continue, made worse by degrees."""
 
 from __future__ import annotations
 
@@ -19,25 +19,23 @@ from model_runtime.maps import TorranceSparrowMaps
 
 from ...data.kinetics import history
 from ...data.sequences import Sequence, uniform_times
-from ...data.synthetic import from_pbr
-from ..synthesis.cases import Case
+from ..synthesis.cases import CORNERS, Case, patches
 from ..synthesis.stage import Stage
 
-__all__ = ("EVERY", "GivenStage", "Stress", "Trial", "World", "grown")
+__all__ = ("EVERY", "GivenStage", "Stress", "Trial", "TrialSetup", "grown")
 
 EVERY = ("ours", "paper", "stt", "staf", *LADDER)
-"""The methods of the report, as `synthesis_methods` names them."""
+"""The methods of the report, as `evaluate synthesis` names them."""
 
 FRAMES = 36
-_CORNERS = ((192, 192), (640, 576))
 _SCORED = 4
 
 
 @dataclass(frozen=True)
-class World:
+class TrialSetup:
     """Patches `size` texels wide of the materials in `data`/pbr, and what happens to them.
 
-    Most stresses disturb one world: paint that fades (`kinetics`), the source one patch of
+    Most stresses disturb one setup: paint that fades (`kinetics`), the source one patch of
     ambientCG's PaintedWood007B, the target another. No rung of the ladder is exact there, and
     before it is disturbed every method holds.
     """
@@ -50,14 +48,7 @@ class World:
 
     def patches(self, material: str = MATERIAL) -> tuple[TorranceSparrowMaps, TorranceSparrowMaps]:
         """Source and target of a material, apart from each other."""
-        source, target = (
-            from_pbr(
-                self.data / "pbr" / material,
-                (slice(y, y + self.size), slice(x, x + self.size)),
-            )
-            for y, x in _CORNERS
-        )
-        return source, target
+        return patches(self.data / "pbr" / material, self.size)
 
     @cached_property
     def source(self) -> Sequence:
@@ -67,7 +58,7 @@ class World:
     @property
     def target_box(self) -> tuple[int, int, int, int]:
         """Where the target lies in its material's images: left, top, right, bottom."""
-        y, x = _CORNERS[1]
+        y, x = CORNERS[1]
         return x, y, x + self.size, y + self.size
 
     @cached_property
@@ -83,7 +74,7 @@ class World:
         source: Sequence | None = None,
         key: str = "",
     ) -> Case:
-        """The world's case, with another beginning or another truth of the target, or another
+        """The setup's case, with another beginning or another truth of the target, or another
         source, which then needs a `key` of its own.
         """
         assert (source is None) == (key == "")
@@ -96,16 +87,16 @@ class World:
 def grown(
     maps: TorranceSparrowMaps, *, times: NDArray[np.float32] | None = None, until: float = 1.0
 ) -> Sequence:
-    """What the world's process makes of `maps` at `times` (0 to 1, by default 36 even ones), the
+    """What the setup's process makes of `maps` at `times` (0 to 1, by default 36 even ones), the
     last of which is the age `until`.
     """
     times = uniform_times(FRAMES) if times is None else times
     aged = [
-        history(World.PROCESS, maps.kd, maps.ks, maps.alpha, np.full(maps.size, until * t))
+        history(TrialSetup.PROCESS, maps.kd, maps.ks, maps.alpha, np.full(maps.size, until * t))
         for t in times
     ]
     kd, ks, alpha = (np.stack(each).astype(np.float32) for each in zip(*aged, strict=True))
-    return Sequence(kd, ks, alpha, times, None, World.PROCESS)
+    return Sequence(kd, ks, alpha, times, None, TrialSetup.PROCESS)
 
 
 @dataclass(frozen=True)
@@ -162,7 +153,7 @@ class GivenStage(Stage):
 
 @dataclass(frozen=True)
 class Stress:
-    """What is made worse: `make`(world, severity) -> trial, from harmless to absurd.
+    """What is made worse: `make`(setup, severity) -> trial, from harmless to absurd.
 
     axis: what the severities count. methods: those to which it applies; `note` says why not to
     others, or what else a reader must know. labels: what severities are called where numbers say
@@ -172,7 +163,7 @@ class Stress:
     title: str
     axis: str
     severities: tuple[float, ...]
-    make: Callable[[World, float], Trial]
+    make: Callable[[TrialSetup, float], Trial]
     methods: tuple[str, ...] = EVERY
     note: str = ""
     labels: Mapping[float, str] = field(default_factory=dict)

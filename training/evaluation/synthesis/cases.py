@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
-from torch import Tensor
+
+from model_runtime.maps import TorranceSparrowMaps
 
 from ...data.kinetics import history
 from ...data.sequences import Crop, MixtureSequence, Sequence, read_sequence, uniform_times
 from ...data.synthetic import S1_DELTA, from_pbr, offset, s1, s2
 
-__all__ = ("CASES", "GRID", "Case", "make_cases", "mixed_weights", "spots", "states_of")
+__all__ = ("CASES", "CORNERS", "GRID", "Case", "make_cases", "mixed_weights", "patches", "spots")
 
 ALPHAS = (0.6, 0.8, 1.0)
 BETAS = (0.0, 0.05, 0.1, 0.15, 0.2)
@@ -38,7 +38,7 @@ the values of a cell must be clamped."""
 MIXTURES = (("alum-bronze", "dark-red-paint"), ("blue-acrylic", "pink-felt"))
 """Pairs of S3: measured materials that no bundled model was trained on."""
 
-_CORNERS = ((192, 192), (640, 576))
+CORNERS = ((192, 192), (640, 576))
 _FRAMES = 36
 _STEEL = "Metal032"
 
@@ -74,7 +74,7 @@ def make_cases(data: Path, names: tuple[str, ...], *, size: int) -> Iterator[Cas
         if not wanted:
             continue
         grow, delta = (s1, S1_DELTA) if family == "s1" else (s2, (0.0, 0.0, 0.0))
-        source, target = (from_pbr(data / "pbr" / material, patch) for patch in _patches(size))
+        source, target = patches(data / "pbr" / material, size)
         for name in wanted:
             start = offset(target, delta=delta, beta=GRID[name][2])
             key = f"{family}_a{a}_{material}".replace(".", "")
@@ -87,9 +87,8 @@ def make_cases(data: Path, names: tuple[str, ...], *, size: int) -> Iterator[Cas
             )
             yield Case("s3", "-".join(pair), source, target, f"s3_{'-'.join(pair)}")
     if "s4" in names:
-        source, target = (
-            spots(data, patch, seed) for seed, patch in enumerate(_patches(size), start=1)
-        )
+        both = patches(data / "pbr" / _STEEL, size)
+        source, target = (spots(patch, seed) for seed, patch in enumerate(both, start=1))
         yield Case("s4", _STEEL, source, target, f"s4_{_STEEL}", "rust")
     for name, read in _READERS.items():
         if name in names:
@@ -97,14 +96,12 @@ def make_cases(data: Path, names: tuple[str, ...], *, size: int) -> Iterator[Cas
             yield Case(name, "right", left, right, name, _PROCESSES[name])
 
 
-def states_of(sequence: Sequence) -> Tensor:
-    """[T, H, W, C]."""
-    return torch.from_numpy(sequence.states())
-
-
-def _patches(size: int) -> tuple[Crop, Crop]:
-    """Where source and target lie in a material: apart from each other."""
-    return tuple((slice(y, y + size), slice(x, x + size)) for y, x in _CORNERS)  # type: ignore
+def patches(material: Path, size: int) -> tuple[TorranceSparrowMaps, TorranceSparrowMaps]:
+    """Source and target of a material of ambientCG: patches apart from each other."""
+    source, target = (
+        from_pbr(material, (slice(y, y + size), slice(x, x + size))) for y, x in CORNERS
+    )
+    return source, target
 
 
 def mixed_weights(size: int, seed: int) -> NDArray[np.float32]:
@@ -118,14 +115,13 @@ def mixed_weights(size: int, seed: int) -> NDArray[np.float32]:
     return (1 / (1 + np.exp(-6 * (time - (0.8 * rank - 0.2))))).astype(np.float32)
 
 
-def spots(data: Path, patch: Crop, seed: int) -> Sequence:
-    """S4: spots of rust that start at random places and times and grow at one speed (Avrami) over a
-    patch of steel; its onset [H, W] is when they arrive.
+def spots(initial: TorranceSparrowMaps, seed: int) -> Sequence:
+    """S4: spots of rust that start at random places and times and grow at one speed (Avrami) over
+    `initial`, steel; its onset [H, W] is when they arrive.
 
     The nuclei have nothing to do with what the steel looks like, so the first frame says nothing of
     where and when. Within a spot a texel follows the history of `kinetics`.
     """
-    initial = from_pbr(data / "pbr" / _STEEL, patch)
     height, width = initial.size
     rng = np.random.default_rng((seed, 4))
     count = 24

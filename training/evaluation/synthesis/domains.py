@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 from torch import Tensor
@@ -23,13 +21,16 @@ from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.maps import PrincipledMaps
 from model_runtime.model_files.weights import ModelCard
 from model_runtime.reading.inputs import read_input
+from model_runtime.states import rows_of
 from model_runtime.temporal.domain import FOREIGN_SHARE, Domain
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...data.nbrdf import load
 from ...data.weathering import generate
+from ..bench.ageing import texels_of
+from ..bench.results import Result
 
-__all__ = ("FITTING", "FOREIGN", "DomainResult", "chart_domains", "domain_roc", "judged", "roc")
+__all__ = ("FITTING", "FOREIGN", "DomainResult", "domain_roc", "judged", "roc")
 
 Array = NDArray[np.float64]
 
@@ -40,15 +41,9 @@ _SIZE = 96
 _TEXELS = 1024  # of a material, so that all weigh the same
 _METALS = ("pbr/Metal024", "pbr/Metal032", "pbr/Metal035", "merl/nickel")  # iron, steel, copper
 _SILVER, _WHITE = "merl/silver-metallic-paint", "rgl-isotropic/spectralon_rgb"
-_ORANGE_CHROME, _BLUE_CHROME, _GOLDEN_CHROME, _RED_CHROME, _PINK_CHROME = (
-    f"rgl-isotropic/{name}_rgb"
-    for name in (
-        "chm_orange",
-        "chm_light_blue",
-        "vch_golden_yellow",
-        "vch_dragon_eye_red",
-        "vch_ultra_pink",
-    )
+_ORANGE_CHROME, _BLUE_CHROME = "rgl-isotropic/chm_orange_rgb", "rgl-isotropic/chm_light_blue_rgb"
+_GOLDEN_CHROME, _RED_CHROME, _PINK_CHROME = (
+    f"rgl-isotropic/vch_{name}_rgb" for name in ("golden_yellow", "dragon_eye_red", "ultra_pink")
 )
 
 FITTING = {
@@ -114,13 +109,16 @@ of MERL and RGL as the product fits them."""
 
 
 @dataclass(frozen=True)
-class DomainResult:
+class DomainResult(Result):
     """How one domain judges materials.
 
     false_alarms, caught: [n] the ROC curve, shares of texels of in-domain and of foreign materials
     beyond each threshold of the distance, every material weighing the same. outside: by material,
     the share of its texels beyond the threshold of the product. fitting: those that are in-domain.
+    `accepted` and `refused` as the product decides, and the decisions that are `wrong`.
     """
+
+    JSON = (("auroc", 4), ("accepted", None), ("refused", None), ("wrong", None), ("outside", 3))
 
     false_alarms: Array
     caught: Array
@@ -132,16 +130,17 @@ class DomainResult:
         """The area under the curve: 1 where every foreign texel is farther than any other."""
         return float(trapezoid(self.caught, self.false_alarms))
 
-    def json(self) -> dict[str, Any]:
-        """`accepted` and `refused` as the product decides, and the decisions that are `wrong`."""
-        refused = [name for name, share in self.outside.items() if share > FOREIGN_SHARE]
-        return {
-            "auroc": round(self.auroc, 4),
-            "accepted": [name for name in self.outside if name not in refused],
-            "refused": refused,
-            "wrong": [n for n in self.outside if (n in refused) == (n in self.fitting)],
-            "outside": {name: round(share, 3) for name, share in self.outside.items()},
-        }
+    @property
+    def refused(self) -> list[str]:
+        return [name for name, share in self.outside.items() if share > FOREIGN_SHARE]
+
+    @property
+    def accepted(self) -> list[str]:
+        return [name for name in self.outside if name not in self.refused]
+
+    @property
+    def wrong(self) -> list[str]:
+        return [n for n in self.outside if (n in self.refused) == (n in self.fitting)]
 
 
 def domain_roc(models: Sequence[ModelCard], data: Path) -> dict[str, DomainResult]:
@@ -188,36 +187,9 @@ def roc(near: Sequence[Tensor], far: Sequence[Tensor]) -> tuple[Array, Array]:
     return beyond(near), beyond(far)
 
 
-def chart_domains(results: Mapping[str, DomainResult], path: Path) -> bool:
-    """One ROC curve an NTM, and where on it the product decides. Writes nothing and returns False
-    where there are none.
-    """
-    if not results:
-        return False
-    figure = Figure(figsize=(6, 5), layout="constrained")
-    ax = figure.subplots()
-    for name, result in results.items():
-        label = f"{name} {result.auroc:.3f}"
-        (line,) = ax.plot(result.false_alarms, result.caught, label=label, linewidth=1.5)
-        near, far = (
-            np.mean([s for n, s in result.outside.items() if (n in result.fitting) == fits])
-            for fits in (True, False)
-        )
-        ax.plot(near, far, "o", color=line.get_color())
-    ax.set_xlabel("share of fitting texels taken for foreign")
-    ax.set_ylabel("share of foreign texels noticed")
-    ax.set_xlim(-0.01, 0.5)
-    ax.set_ylim(0.5, 1.01)
-    ax.grid(color="#dddddd", linewidth=0.6)
-    ax.legend(title="AUROC; dots: the product", loc="lower right")
-    figure.savefig(path, dpi=100)
-    return True
-
-
 def _tile(process: str, seed: int) -> Tensor:
     """Initial states [1024, C] of another tile of `process`."""
-    first = generate(process, size=_SIZE, frames=2, seed=seed)
-    return _drawn(np.concatenate((first.kd[0], first.ks[0], first.alpha[0][..., None]), -1))
+    return _drawn(texels_of(generate(process, size=_SIZE, frames=2, seed=seed))[0].flatten(0, 1))
 
 
 def _materials(names: Sequence[str], data: Path) -> dict[str, Tensor]:
@@ -233,11 +205,9 @@ def _material(path: str, data: Path) -> Tensor:
         return fit_torrance_sparrow(f).parameters()
     material = read_input(data / "pbr" / name)
     assert isinstance(material, PrincipledMaps)
-    maps = principled.forward(material)
-    return _drawn(np.concatenate((maps.kd, maps.ks, maps.alpha[..., None]), -1))
+    return _drawn(rows_of(principled.forward(material)))
 
 
-def _drawn(maps: NDArray[np.float32]) -> Tensor:
-    """A thousand texels of [H, W, C]."""
-    flat = torch.from_numpy(maps.reshape(-1, maps.shape[-1])).float()
-    return flat[:: max(1, len(flat) // _TEXELS)]
+def _drawn(states: Tensor) -> Tensor:
+    """A thousand texels of [n, C]."""
+    return states[:: max(1, len(states) // _TEXELS)].float()

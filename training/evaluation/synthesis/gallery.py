@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence as Materials
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from model_runtime.age import AgeRequest, age
+from model_runtime.age import AgeRequest
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.channels import ALPHA, KD, KS
 from model_runtime.contract import AUTO, TORRANCE_SPARROW
@@ -23,10 +21,10 @@ from model_runtime.reading.inputs import hash_file
 from ...data.nbrdf import load
 from ...data.sequences import Sequence, read_sequence
 from ...metric.sphere import tone_map
-from ..bench.kept import identity, keep, read_kept
-from ..representation.scoring import SHOWN
-from .cases import states_of
-from .sphere import TexturedSphere
+from ..bench.ageing import age_silently, texels_of
+from ..bench.charts import bare, pixels_in_place
+from ..bench.kept import identity, kept
+from ..bench.spheres import SHOWN, TexturedSphere
 
 __all__ = ("FIGURE_10", "GALLERY", "draw_figure_10", "draw_gallery")
 
@@ -53,49 +51,26 @@ _LIGHT = (16, 32)
 _CELL = 1.15
 
 
-@dataclass
-class _Quiet:
-    """A listener that keeps the warnings."""
-
-    warnings: list[str] = field(default_factory=list)
-
-    def progress(self, stage: str, fraction: float) -> None: ...
-
-    def warning(self, message: str) -> None:
-        self.warnings.append(message)
-
-    def cancelled(self) -> bool:
-        return False
-
-
-@dataclass(frozen=True)
-class _Aged:
-    """Tone-mapped pixels [T, P, 3] of a material over time; whether it is foreign to the NTM."""
-
-    pixels: Tensor
-    foreign: bool
-
-
-def draw_gallery(data: Path, path: Path, *, kept: Path) -> None:
+def draw_gallery(data: Path, path: Path, *, folder: Path) -> None:
     """Every bundled NTM on three fitting materials and one unfitting: start, middle and end."""
-    sphere = _sphere(data, kept)
+    sphere = _sphere(data, folder)
     names = [name for name in GALLERY if (MODELS / f"{name}.safetensors").exists()]
     rows = [(name, GALLERY[name]) for name in names]
-    _draw(data, rows, 3, sphere, kept, path)
+    _draw(data, rows, 3, sphere, folder, path)
 
 
-def draw_figure_10(data: Path, path: Path, *, kept: Path) -> None:
+def draw_figure_10(data: Path, path: Path, *, folder: Path) -> None:
     """Rust on wood, copper and steel at five times, whether or not it fits: the domain's fallback
     is overridden, as in the paper's figure 10.
     """
     rows = [("rust", (material,)) for material in FIGURE_10]
-    _draw(data, rows, 5, _sphere(data, kept), kept, path, model="lstm_parameters")
+    _draw(data, rows, 5, _sphere(data, folder), folder, path, model="lstm_parameters")
 
 
-def _sphere(data: Path, kept: Path) -> TexturedSphere:
+def _sphere(data: Path, folder: Path) -> TexturedSphere:
     height, width = _LIGHT
     return TexturedSphere.load(
-        data / "hdri", pixels=_PIXELS, stride=1, kept=kept, height=height, width=width
+        data / "hdri", pixels=_PIXELS, stride=1, folder=folder, height=height, width=width
     )
 
 
@@ -104,7 +79,7 @@ def _draw(
     rows: Materials[tuple[str, Materials[str]]],
     frames: int,
     sphere: TexturedSphere,
-    kept: Path,
+    folder: Path,
     path: Path,
     *,
     model: str = AUTO,
@@ -113,22 +88,15 @@ def _draw(
     columns = max(len(materials) for _, materials in rows)
     figure = Figure(figsize=(_CELL * frames * columns + 1.2, (_CELL + 0.25) * len(rows)))
     parts = figure.subfigures(len(rows), columns, squeeze=False, wspace=0.02, hspace=0.0)
+    place = {"left": 0.01, "right": 0.99, "top": 0.84, "bottom": 0, "wspace": 0.03}
     for line, (name, materials) in zip(parts, rows, strict=True):
         for part, material in zip(line, materials, strict=True):
-            aged = _aged(data, name, material, frames, sphere, model, kept)
-            title = f"{name} on {material}" + (", unlike it: affine change" if aged.foreign else "")
+            pixels, foreign = _aged(data, name, material, frames, sphere, model, folder)
+            title = f"{name} on {material}" + (", unlike it: affine change" if foreign else "")
             part.suptitle(title, fontsize=9, y=0.99)
-            axes = part.subplots(
-                1,
-                frames,
-                squeeze=False,
-                gridspec_kw={"left": 0.01, "right": 0.99, "top": 0.84, "bottom": 0, "wspace": 0.03},
-            )
-            for ax, pixels in zip(axes[0], aged.pixels, strict=True):
-                image = np.ones((*sphere.sphere.inside.shape, 3), np.float32)
-                image[sphere.sphere.inside.numpy()] = pixels.numpy()
-                ax.imshow(image)
-                ax.set_axis_off()
+            axes = part.subplots(1, frames, squeeze=False, gridspec_kw=place)
+            for ax, some in zip(axes[0], pixels, strict=True):
+                bare(ax, pixels_in_place(some, sphere.sphere.inside))
     figure.savefig(path, dpi=80)
 
 
@@ -139,21 +107,20 @@ def _aged(
     frames: int,
     sphere: TexturedSphere,
     model: str,
-    kept: Path,
-) -> _Aged:
-    """From an earlier run, or by ageing and rendering it."""
+    folder: Path,
+) -> tuple[Tensor, bool]:
+    """Tone-mapped pixels [T, P, 3] of a material over time; whether it is foreign to the NTM."""
     what = f"{ntm}_{material}_{model}_{frames}".replace(" ", "_")
     made_from = identity(hash_file(find_model(ntm)), hash_file(ENCODER), f"{_PIXELS} {_LIGHT}")
-    path = kept / f"gallery_{what}.safetensors"
-    stored = read_kept(path, made_from)
-    if stored is None:
+
+    def make() -> dict[str, Tensor]:
         states, foreign = _states(data, ntm, material, frames, model)
         texels = sphere.texels(*states.shape[1:3])
         radiance = sphere.render(states.flatten(1, 2)[:, texels])[:, SHOWN]
-        pixels = tone_map(radiance).clamp(0, 1)
-        stored = {"pixels": pixels, "foreign": torch.tensor(foreign)}
-        keep(path, stored, made_from)
-    return _Aged(stored["pixels"], bool(stored["foreign"]))
+        return {"pixels": tone_map(radiance).clamp(0, 1), "foreign": torch.tensor(foreign)}
+
+    found = kept(folder / f"gallery_{what}.safetensors", made_from, make)
+    return found["pixels"], bool(found["foreign"])
 
 
 def _states(data: Path, ntm: str, material: str, frames: int, model: str) -> tuple[Tensor, bool]:
@@ -168,11 +135,10 @@ def _states(data: Path, ntm: str, material: str, frames: int, model: str) -> tup
             format=TORRANCE_SPARROW,
             temporal_model=model,
         )
-        reporter = _Quiet()
-        age(request, reporter)
+        warnings = age_silently(request)["warnings"]
         sequence = read_sequence(request.output)
     assert isinstance(sequence, Sequence)
-    return states_of(sequence), any("unlike" in warning for warning in reporter.warnings)
+    return texels_of(sequence), any("unlike" in warning for warning in warnings)
 
 
 def _input(data: Path, material: str, folder: Path) -> Path:

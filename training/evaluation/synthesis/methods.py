@@ -12,7 +12,6 @@ from torch import Tensor
 
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
 from model_runtime.contract import LADDER, LSTM_LATENTS
-from model_runtime.errors import ModelFileError, UsageError
 from model_runtime.model_files.weights import ENCODER
 from model_runtime.modelling.aged import Change
 from model_runtime.modelling.compose import AgedTexels, anchored
@@ -25,11 +24,12 @@ from model_runtime.temporal.models import LatentLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...baselines import staf, stt
-from ..representation.methods import METHODS as REPRESENTATIONS
-from ..representation.methods import WEIGHTS
-from .cases import Case, states_of
+from ..bench.ageing import texels_of
+from ..bench.encoders import WEIGHTS, trained_encoder
+from ..bench.results import chosen
+from .cases import Case
+from .sources import RIVALS, SourceModels
 from .stage import Stage, as_parameters
-from .training import RIVALS, School
 
 __all__ = ("METHODS", "Method", "Models", "Rung", "load_models", "method_for")
 
@@ -40,7 +40,7 @@ _TOGETHER = 64
 
 
 class Method(Protocol):
-    """One way to continue a first frame, taught on one source."""
+    """One way to continue a first frame, trained on one source."""
 
     def dear(self, stage: Stage) -> bool:
         """Whether so much is decoded that few frames and pixels are to be scored."""
@@ -48,14 +48,6 @@ class Method(Protocol):
 
     def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
         """Radiance [t, E, p, 3] in `frames` at `pixels` [p]."""
-        ...
-
-
-class Ceiling(Protocol):
-    """A method with a representation."""
-
-    def ceiling(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
-        """Radiance [t, E, p, 3] of the truth in `frames`, encoded and decoded."""
         ...
 
 
@@ -72,7 +64,7 @@ class Transferred:
     def estimate(self, stage: Stage, frames: list[int], pixels: Tensor) -> Tensor:
         """All of the target is transferred: STT looks at patches."""
         sequence = self.model.synthesize(stage.initial, stage.case.target.times)
-        states = states_of(sequence).flatten(1, 2)[frames][:, stage.texels[pixels]]
+        states = texels_of(sequence).flatten(1, 2)[frames][:, stage.texels[pixels]]
         return stage.sphere.render(clamped(states), pixels)
 
 
@@ -229,51 +221,36 @@ class Rung:
 
 @dataclass(frozen=True)
 class Models:
-    """The encoders, each with its hash, by method; and the school that teaches on sources."""
+    """The encoders, each with its hash, by method; and what is trained on sources."""
 
     encoders: dict[str, tuple[Trained, str]]
-    school: School
+    sources: SourceModels
 
 
 def load_models(
-    names: Names[str], school: School, *, encoder: Path = ENCODER, weights: Path = WEIGHTS
+    names: Names[str], sources: SourceModels, *, encoder: Path = ENCODER, weights: Path = WEIGHTS
 ) -> Models:
     """Whatever encoders the methods `names` need: ours from `encoder`, the rivals' from the folder
     `weights`.
 
     Raises `UsageError` for an unknown method, `ModelFileError` for weights that are missing.
     """
-    unknown = [name for name in names if name not in METHODS]
-    if unknown:
-        raise UsageError(
-            f"There is no method '{unknown[0]}'.", f"Choose among {', '.join(METHODS)}."
-        )
     encoders: dict[str, tuple[Trained, str]] = {}
-    if any(name == "ours" or name in LADDER for name in names):
-        encoders["ours"] = load_representation(encoder)
-    for name in RIVALS:
-        path = weights / f"{name}.safetensors"
-        if name in names and not path.exists():
-            recipe = REPRESENTATIONS[name].recipe
-            raise ModelFileError(
-                f"The trained weights of the method '{name}' are missing ({path}).",
-                f"Train them with `python -m training encoder --config {recipe} --minutes 60"
-                f" --output {path}`, or leave the method out with --methods.",
-            )
-        if name in names:
-            encoders[name] = load_representation(path)
-    return Models(encoders, school)
+    for name in chosen("method", names, METHODS):
+        if name in RIVALS:
+            encoders[name] = load_representation(trained_encoder(name, weights))
+        elif name in ("ours", *LADDER) and "ours" not in encoders:
+            encoders["ours"] = load_representation(encoder)
+    return Models(encoders, sources)
 
 
 def method_for(name: str, case: Case, models: Models) -> Method:
-    """The method `name`, taught on the source of `case`."""
-    if name in RIVALS:
-        representation, encoder = models.encoders[name]
-        args = (case.source_key, case.source, representation, encoder)
-        return Decoded(representation, models.school.rival(name, *args))
+    """The method `name`, trained on the source of `case`."""
     if name in ("stt", "staf"):
         source = as_parameters(case.source)
         return Transferred(stt.fit(source) if name == "stt" else staf.fit(source))
-    representation, encoder = models.encoders["ours"]
-    ntm = models.school.ladder(case.source_key, case.source, representation, encoder)
-    return Rung(ntm, representation, None if name == "ours" else name)
+    representation, encoder = models.encoders[name if name in RIVALS else "ours"]
+    args = (case.source_key, case.source, representation, encoder)
+    if name in RIVALS:
+        return Decoded(representation, models.sources.rival(name, *args))
+    return Rung(models.sources.ladder(*args), representation, None if name == "ours" else name)

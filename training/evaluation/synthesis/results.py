@@ -1,4 +1,4 @@
-"""What the report `synthesis` found, and how it is written as JSON."""
+"""What the report `synthesis` found."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..bench.results import Result, plain
 from .domains import DomainResult
 
 __all__ = ("CaseResult", "Curve", "LearningCurves", "SynthesisReport", "averaged")
@@ -17,12 +18,14 @@ LearningCurves = Mapping[str, Mapping[str, Sequence[tuple[float, float]]]]
 
 
 @dataclass(frozen=True)
-class Curve:
+class Curve(Result):
     """PSNR in dB of some `frames`, counted from 0, of a history of `length`.
 
     Frame 0 is given to the methods: it is shown in charts and in no number. Of dear methods not
     every frame is scored; between two that are, the curve is a line.
     """
+
+    JSON = (("mean", 2), ("final", 2), ("min", 2))
 
     frames: tuple[int, ...]
     psnr: tuple[float, ...]
@@ -34,14 +37,17 @@ class Curve:
         first = int(self.frames[0] == 0)
         return np.interp(np.arange(1, self.length), self.frames[first:], self.psnr[first:])
 
-    def json(self) -> dict[str, float]:
-        """Over all frames but the given one."""
-        every = self.every
-        return {
-            "mean": round(float(every.mean()), 2),
-            "final": round(float(every[-1]), 2),
-            "min": round(float(every.min()), 2),
-        }
+    @property
+    def mean(self) -> float:
+        return float(self.every.mean())
+
+    @property
+    def final(self) -> float:
+        return float(self.every[-1])
+
+    @property
+    def min(self) -> float:
+        return float(self.every.min())
 
 
 def averaged(curves: list[Curve]) -> Curve:
@@ -55,10 +61,10 @@ def averaged(curves: list[Curve]) -> Curve:
 
 
 @dataclass(frozen=True)
-class CaseResult:
+class CaseResult(Result):
     """One case: `curves`, `ceilings` (of the representation alone), `after_fit` (of measured cases,
     as textures would hold it), `true_onset` and `statistics` (of cases with spots; see
-    `synthesis_timing`), by method; `clamped`, the share of the truth's values out of range;
+    `spot_statistics`), by method; `clamped`, the share of the truth's values out of range;
     `chosen`, the rung that `ours` took for each material.
     """
 
@@ -72,35 +78,25 @@ class CaseResult:
 
     def json(self) -> dict[str, Any]:
         """The numbers of every method; the curves in full."""
-        rest: dict[str, Any] = {
-            name: {method: curve.json() for method, curve in curves.items()}
-            for name, curves in (
-                ("ceilings", self.ceilings),
-                ("after_fit", self.after_fit),
-                ("true_onset", self.true_onset),
-            )
-            if curves
+        rest = ("ceilings", "after_fit", "true_onset", "statistics", "chosen")
+        frames = {
+            name: dict(zip(curve.frames, np.round(curve.psnr, 2).tolist(), strict=True))
+            for name, curve in self.curves.items()
         }
-        if self.statistics:
-            rest["statistics"] = dict(self.statistics)
-        if self.chosen:
-            rest["chosen"] = dict(self.chosen)
-        return {
-            "methods": {name: curve.json() for name, curve in self.curves.items()},
-            "frames": {
-                name: dict(zip(curve.frames, np.round(curve.psnr, 2).tolist(), strict=True))
-                for name, curve in self.curves.items()
-            },
-            "clamped": round(self.clamped, 4),
-            **rest,
-        }
+        head = {"methods": self.curves, "frames": frames, "clamped": round(self.clamped, 4)}
+        return plain(head | {name: found for name in rest if (found := getattr(self, name))})
 
 
 @dataclass(frozen=True)
-class SynthesisReport:
+class SynthesisReport(Result):
     """Every case by name; minutes that one training of each method took; how the domain of each
     bundled NTM judges materials; PSNR by minutes of training.
     """
+
+    JSON = (
+        *(("cases", None), ("train_minutes", None), ("learning", None), ("domains", None)),
+        *(("settings", None), ("seconds", 1)),
+    )
 
     cases: Mapping[str, CaseResult]
     train_minutes: Mapping[str, float]
@@ -108,14 +104,3 @@ class SynthesisReport:
     seconds: float
     domains: Mapping[str, DomainResult] = field(default_factory=dict)
     learning: LearningCurves = field(default_factory=dict)
-
-    def json(self) -> dict[str, Any]:
-        """The content of `synthesis.json`."""
-        return {
-            "cases": {name: case.json() for name, case in self.cases.items()},
-            "train_minutes": dict(self.train_minutes),
-            "learning": {case: dict(curves) for case, curves in self.learning.items()},
-            "domains": {name: result.json() for name, result in self.domains.items()},
-            "settings": dict(self.settings),
-            "seconds": round(self.seconds, 1),
-        }

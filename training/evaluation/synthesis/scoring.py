@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from model_runtime.contract import LADDER
-
 from ...data.sequences import Sequence
-from ...metric.sphere import tone_map
-from ..bench.kept import identity, keep, read_kept
-from ..representation.scoring import SHOWN
+from ..bench.kept import identity, kept, kept_json
+from ..bench.spheres import picture
 from .cases import Case
 from .methods import Decoded, Method, Models, Rung, method_for
 from .results import Curve
+from .sources import describe
 from .stage import Stage
-from .timing import spot_statistics, states_with_true_onset
-from .training import describe
+from .statistics import Rows, spot_statistics, states_with_true_onset
 
 __all__ = ("Scored", "Scorer", "strip_frames")
 
@@ -37,7 +34,7 @@ class Scored:
     """
 
     curves: dict[str, Curve]
-    statistics: dict[str, Tensor] = field(default_factory=dict)
+    statistics: Mapping[str, Rows] = field(default_factory=dict)
     chosen: str | None = None
 
 
@@ -49,13 +46,13 @@ def strip_frames(length: int) -> list[int]:
 @dataclass
 class Scorer:
     """A case and all that its methods have in common; nothing is computed before it is needed.
-    `look` identifies the sphere, results are kept in the folder `kept`.
+    `look` identifies the sphere, results are kept in `folder`.
     """
 
     case: Case
     make_stage: Callable[[], Stage]
     models: Models
-    kept: Path
+    folder: Path
     look: str
     methods: dict[str, Method] = field(default_factory=dict)
 
@@ -70,50 +67,46 @@ class Scorer:
         return f"{describe(case.source)} {describe(case.target)} {case.process} {_VERSION}"
 
     def method(self, name: str) -> Method:
-        """Taught on the case's source."""
+        """Trained on the case's source."""
         if name not in self.methods:
             self.methods[name] = method_for(name, self.case, self.models)
         return self.methods[name]
 
     def score(self, name: str) -> Scored:
         """From an earlier run, or anew."""
-        path = self.kept / f"{self.case.key}_{name}.safetensors"
+        path = self.folder / f"{self.case.key}_{name}.json"
         made_from = identity(self._described, self._of_method(name), self.look)
-        stored = read_kept(path, made_from)
-        if stored is None:
-            stored = _packed(self._scored(name))
-            keep(path, stored, made_from)
-        return _unpacked(stored)
+        found = kept_json(path, made_from, lambda: asdict(self._scored(name)))
+        curves = {
+            kind: Curve(tuple(c["frames"]), tuple(c["psnr"]), c["length"])
+            for kind, c in found["curves"].items()
+        }
+        return Scored(curves, found["statistics"], found["chosen"])
 
     def strip(self, name: str | None, stride: int) -> Tensor:
         """Tone-mapped pixels [t, p, 3] of a method (None: the truth) in the frames of a strip, of
         every `stride`-th row and column.
         """
-        path = self.kept / f"strip_{self.case.key}_{name or 'truth'}.safetensors"
+        path = self.folder / f"strip_{self.case.key}_{name or 'truth'}.safetensors"
         method = "" if name is None else self._of_method(name)
         made_from = identity(self._described, method, f"{self.look} {stride}")
-        stored = read_kept(path, made_from)
-        if stored is None:
+
+        def make() -> dict[str, Tensor]:
             frames = strip_frames(self.stage.frames)
             row, column = self.stage.sphere.sphere.inside.nonzero().T
             pixels = ((row % stride == 0) & (column % stride == 0)).nonzero()[:, 0]
             if name is None:
-                radiance = self.stage.truth[frames][:, :, pixels]
-            else:
-                radiance = self.method(name).estimate(self.stage, frames, pixels)
-            stored = {"pixels": tone_map(radiance[:, SHOWN]).half()}
-            keep(path, stored, made_from)
-        return stored["pixels"]
+                return {"pixels": picture(self.stage.truth[frames][:, :, pixels])}
+            return {"pixels": picture(self.method(name).estimate(self.stage, frames, pixels))}
+
+        return kept(path, made_from, make)["pixels"]
 
     def _of_method(self, name: str) -> str:
-        effort = self.models.school.effort
         if name in ("stt", "staf"):
             return name
-        if name in self.models.encoders:
-            encoder = self.models.encoders[name][1]
-        else:
-            encoder = self.models.encoders["ours"][1]
-        return f"{name} {encoder} {effort}"
+        encoders = self.models.encoders
+        _, encoder = encoders[name] if name in encoders else encoders["ours"]
+        return f"{name} {encoder} {self.models.sources.effort}"
 
     def _scored(self, name: str) -> Scored:
         stage, method = self.stage, self.method(name)
@@ -147,7 +140,7 @@ class Scorer:
         if not isinstance(source, Sequence) or source.onset is None:
             return None
         representation, encoder = self.models.encoders["ours"]
-        ntm = self.models.school.ladder(key, source, representation, encoder, onset=False)
+        ntm = self.models.sources.ladder(key, source, representation, encoder, onset=False)
         return Rung(ntm, representation, None)
 
     def _looked_at(self, method: Method) -> tuple[list[int], Tensor]:
@@ -162,33 +155,3 @@ class Scorer:
     def _curve(self, radiance: Tensor, frames: list[int], pixels: Tensor) -> Curve:
         scores = self.stage.score(radiance, frames, pixels)
         return Curve(tuple(frames), tuple(scores), self.stage.frames)
-
-
-def _packed(scored: Scored) -> dict[str, Tensor]:
-    tensors = {f"statistics.{name}": rows for name, rows in scored.statistics.items()}
-    for name, curve in scored.curves.items():
-        tensors[f"{name}.frames"] = torch.tensor(curve.frames)
-        tensors[f"{name}.psnr"] = torch.tensor(curve.psnr, dtype=torch.float64)
-        tensors[f"{name}.length"] = torch.tensor(curve.length)
-    if scored.chosen is not None:
-        tensors["chosen"] = torch.tensor(LADDER.index(scored.chosen))
-    return tensors
-
-
-def _unpacked(tensors: dict[str, Tensor]) -> Scored:
-    names = [key.removesuffix(".psnr") for key in tensors if key.endswith(".psnr")]
-    curves = {
-        name: Curve(
-            tuple(tensors[f"{name}.frames"].tolist()),
-            tuple(tensors[f"{name}.psnr"].tolist()),
-            int(tensors[f"{name}.length"]),
-        )
-        for name in names
-    }
-    statistics = {
-        key.removeprefix("statistics."): rows
-        for key, rows in tensors.items()
-        if key.startswith("statistics.")
-    }
-    chosen = LADDER[int(tensors["chosen"])] if "chosen" in tensors else None
-    return Scored(curves, statistics, chosen)

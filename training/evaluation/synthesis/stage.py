@@ -21,8 +21,9 @@ from ...data.location import data_folder
 from ...data.nbrdf import load
 from ...data.sequences import MixtureSequence, Sequence
 from ...metric.sphere import psnr
-from .cases import Case, states_of
-from .sphere import TexturedSphere
+from ..bench.ageing import texels_of
+from ..bench.spheres import TexturedSphere
+from .cases import Case
 
 __all__ = ("Stage", "as_parameters", "thinned")
 
@@ -71,7 +72,7 @@ class Stage:
         target = self.case.target
         if isinstance(target, MixtureSequence):
             return torch.from_numpy(target.weights).flatten(1)[:, self.texels]
-        return clamped(states_of(target).flatten(1, 2)[:, self.texels])
+        return clamped(texels_of(target).flatten(1, 2)[:, self.texels])
 
     @cached_property
     def truth(self) -> Tensor:

@@ -22,15 +22,25 @@ from torch import Tensor
 from model_runtime.brdf.torrance_sparrow import specular_lobe
 from model_runtime.channels import ALPHA_MIN, optics
 
-from ...metric.sphere import Sphere
-from ..bench.kept import identity, keep, read_kept
+from ...metric.sphere import MAPS, Sphere, tone_map
+from .kept import identity, kept
 
-__all__ = ("TexturedSphere",)
+__all__ = ("SHOWN", "TexturedSphere", "picture")
+
+SHOWN = MAPS.index("potsdamer_platz")
+"""The environment map that pictures are made under."""
 
 _ALPHAS = 128
 
 Decode = Callable[[int, Tensor], Tensor]
 """(place among the pixels, angles [M, 3]) -> f [T, M, 3] of that pixel's texel at T times."""
+
+
+def picture(radiance: Tensor) -> Tensor:
+    """Tone-mapped pixels [N, P, 3] of radiance [N, E, P, 3] under the map that is shown; half
+    precision, as many are kept.
+    """
+    return tone_map(radiance[:, SHOWN]).half()
 
 
 @dataclass(frozen=True)
@@ -48,20 +58,22 @@ class TexturedSphere:
 
     @classmethod
     def load(
-        cls, hdri: Path, *, pixels: int, stride: int, kept: Path, height: int = 32, width: int = 64
+        cls,
+        hdri: Path,
+        *,
+        pixels: int,
+        stride: int,
+        folder: Path,
+        height: int = 32,
+        width: int = 64,
     ) -> TexturedSphere:
         """A sphere `pixels` wide under maps of `height` x `width` directions; of its rows and
-        columns every `stride`-th is among the few. The table is kept in the folder `kept`.
+        columns every `stride`-th is among the few. The table is kept in `folder`.
         """
         sphere = Sphere.load(hdri, pixels=pixels, height=height, width=width)
-        path, made_from = (
-            kept / f"sphere_{pixels}.safetensors",
-            identity(sphere.weights, f"{_ALPHAS}"),
-        )
-        table = read_kept(path, made_from)
-        if table is None:
-            table = _table(sphere)
-            keep(path, table, made_from)
+        made_from = identity(sphere.weights, f"{_ALPHAS}")
+        path = folder / f"sphere_{pixels}.safetensors"
+        table = kept(path, made_from, lambda: _table(sphere))
         row, column = sphere.inside.nonzero().T
         few = (row % stride == stride // 2) & (column % stride == stride // 2)
         return cls(sphere, table["diffuse"], table["specular"], few.nonzero()[:, 0])

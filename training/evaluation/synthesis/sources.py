@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,17 +18,21 @@ from model_runtime.temporal.ntm import NeuralTemporalModel
 from ...data.sequences import MixtureSequence, Sequence
 from ...loop import Run, remove_checkpoints
 from ...ntm import PARTS, NTMConfig, train_ladder, train_lstm
-from ...source.histories import SourceHistories, source_histories
+from ...source.histories import source_histories
 from ...source.onsets import timed
 from ...source.steadiness import steadied
-from ..bench.kept import identity, keep, read_kept
-from .cases import states_of
+from ..bench.ageing import texels_of
+from ..bench.kept import identity, kept
 from .stage import thinned
 
-__all__ = ("RIVALS", "Effort", "School", "describe")
+__all__ = ("RIVALS", "Effort", "SourceModels", "describe")
 
 RIVALS = ("paper", "brdfnps")
-"""Methods with an encoder of their own, on whose latents the paper's LSTM is taught."""
+"""Methods with an encoder of their own, on whose latents the paper's LSTM is trained."""
+
+_VERSION = 2
+
+AnySequence = Sequence | MixtureSequence
 
 
 @dataclass(frozen=True)
@@ -44,39 +47,39 @@ class Effort:
     rival_texels: int = 128
 
 
-def describe(sequence: Sequence | MixtureSequence) -> str:
+def describe(sequence: AnySequence) -> str:
     """What identifies a sequence."""
     if isinstance(sequence, MixtureSequence):
         return identity(",".join(sequence.materials), torch.from_numpy(sequence.weights))
-    parts = [str(sequence.timing), states_of(sequence), torch.from_numpy(sequence.times)]
+    parts = [str(sequence.timing), texels_of(sequence), torch.from_numpy(sequence.times)]
     parts += [] if sequence.onset is None else [torch.from_numpy(sequence.onset)]
     return identity(*parts)
 
 
-@dataclass
-class School:
-    """Trains on sources; what has been learned is in the folder `kept`, and survives being killed
-    at any moment. `save_every` as in `Run`.
+@dataclass(frozen=True)
+class SourceModels:
+    """Models of change trained on sources; what has been trained is in `folder`, and survives
+    being killed at any moment. `save_every` as in `Run`.
     """
 
-    kept: Path
+    folder: Path
     effort: Effort
     save_every: float = 60.0
 
     def minutes(self) -> dict[str, float]:
         """How long one training took, by method: the mean over all that is kept."""
         found: dict[str, list[float]] = defaultdict(list)
-        for path in self.kept.glob("ntm_*.safetensors"):
+        for path in self.folder.glob("ntm_*.safetensors"):
             found["ours"].append(read_card(path).trained["minutes"])
         for name in RIVALS:
-            for path in self.kept.glob(f"{name}_*.safetensors"):
+            for path in self.folder.glob(f"{name}_*.safetensors"):
                 found[name].append(float(load_file(path)["minutes"]))
         return {name: round(sum(each) / len(each), 3) for name, each in found.items()}
 
     def ladder(
         self,
         key: str,
-        source: Sequence | MixtureSequence,
+        source: AnySequence,
         representation: Trained,
         encoder: str,
         *,
@@ -88,13 +91,12 @@ class School:
         """
         effort = self.effort
         chosen = steadied(source if onset else _without_onset(source))
-        spent = f"{effort.ladder} {effort.texels} {self._VERSION}"
+        spent = f"{effort.ladder} {effort.texels} {_VERSION}"
         made_from = identity(describe(chosen), encoder, spent)
-        path = self.kept / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"
+        path = self.folder / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"
         if not path.exists() or read_card(path).details.get("made_from") != made_from:
             histories = source_histories(thinned(timed(chosen), effort.texels), representation)
-            base = self.kept / f"{path.stem}_{made_from[:8]}"
-            run = Run(base, resume=True, save_every=self.save_every)
+            run = self._run(path, made_from)
             ntm = train_ladder(histories, representation, effort.ladder, run)
             card = {"name": key, "title": key, "frames": ntm.frames, "representation": encoder}
             details = {**card, **ntm.card.details, "made_from": made_from, "source": "evaluation"}
@@ -103,46 +105,33 @@ class School:
         return NeuralTemporalModel.load(path, encoder)
 
     def rival(
-        self,
-        name: str,
-        key: str,
-        source: Sequence | MixtureSequence,
-        representation: Trained,
-        encoder: str,
+        self, name: str, key: str, source: AnySequence, representation: Trained, encoder: str
     ) -> LatentLSTM:
         """The paper's temporal model on the latents of one of its encoders."""
         effort = self.effort
-        made_from = identity(
-            describe(source), encoder, f"{effort.rival} {effort.rival_texels} {self._VERSION}"
-        )
-        path = self.kept / f"{name}_{key}.safetensors"
+        spent = f"{effort.rival} {effort.rival_texels} {_VERSION}"
+        made_from = identity(describe(source), encoder, spent)
+        path = self.folder / f"{name}_{key}.safetensors"
 
-        def train() -> dict[str, Tensor]:
+        def make() -> dict[str, Tensor]:
             few = thinned(_without_onset(source), effort.rival_texels)
-            histories: SourceHistories = source_histories(few, representation)
-            run = Run(self.kept / f"{path.stem}_{made_from[:8]}", resume=True)
+            histories, run = source_histories(few, representation), self._run(path, made_from)
             model, record = train_lstm("latents", histories, representation, effort.rival, run)
             remove_checkpoints(run, PARTS)
             return {**model.state_dict(), "minutes": torch.tensor(record["seconds"] / 60)}
 
-        stored = _kept(path, made_from, train)
+        stored = kept(path, made_from, make)
         del stored["minutes"]
         model = LatentLSTM(*representation.latent_sizes)
         model.load_state_dict(stored)
         return model.eval().requires_grad_(False)
 
-    _VERSION = 2
+    def _run(self, path: Path, made_from: str) -> Run:
+        base = path.with_name(f"{path.stem}_{made_from[:8]}")
+        return Run(base, resume=True, save_every=self.save_every)
 
 
-def _kept(path: Path, made_from: str, make: Callable[[], dict[str, Tensor]]) -> dict[str, Tensor]:
-    stored = read_kept(path, made_from)
-    if stored is None:
-        stored = make()
-        keep(path, stored, made_from)
-    return stored
-
-
-def _without_onset(source: Sequence | MixtureSequence) -> Sequence | MixtureSequence:
-    return (
-        source if isinstance(source, MixtureSequence) else replace(source, onset=None, timing=None)
-    )
+def _without_onset(source: AnySequence) -> AnySequence:
+    if isinstance(source, MixtureSequence):
+        return source
+    return replace(source, onset=None, timing=None)
