@@ -26,7 +26,7 @@ from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from .data.sequences import read_sequence
-from .ladder import choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
+from .ladder import Split, choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
 from .loop import Run, Schedule, Training, remove_checkpoints, train
 from .source.histories import SourceHistories, source_histories
 from .source.onsets import timed
@@ -132,8 +132,8 @@ def train_ladder(
     split = held_out_texels(source, run.seed)
     channel = widest_channel(source)
     ranges = held_out_ranges(source, channel)
-    share = config.fold_share
-    minutes = None if run.minutes is None else run.minutes / (2 + 2 * len(ranges) * share)
+    share = 2 + 2 * len(ranges) * config.fold_share
+    minutes = None if run.minutes is None else run.minutes / share
     models, records = _train_both(
         split.train, representation, (config, config), replace(run, minutes=minutes)
     )
@@ -142,32 +142,7 @@ def train_ladder(
     card = ModelCard(run.base, "ntm", 1, "", "", frames=source.parameters.shape[1])
     ntm = NeuralTemporalModel(card, affine, *models, domain)
     scores = {rung: {"texels": score(rung, ntm, split.test, representation)} for rung in LADDER}
-
-    folds = {
-        name: replace(ntm, affine=Affine.fit(part.train.parameters, part.train.observed))
-        for name, part in ranges.items()
-    }
-    cheap, dear = LADDER[:2], LADDER[2:]
-    for name, part in ranges.items():
-        for rung in cheap:
-            scores[rung][name] = score(rung, folds[name], part.test, representation)
-    seconds = sum(record["seconds"] for record in records)
-    if not any(suffices(scores[rung], config.sufficient) for rung in cheap):
-        short = [
-            replace(
-                config,
-                iterations=max(1, round(record["iterations"] * share)),
-                warm_up=max(1, round(config.warm_up * share)),
-            )
-            for record in records
-        ]
-        for name, part in ranges.items():
-            fold = replace(run, minutes=None).part(name)
-            models, spent = _train_both(part.train, representation, short, fold)
-            trained = replace(folds[name], parameters=models[0], latents=models[1])
-            for rung in dear:
-                scores[rung][name] = score(rung, trained, part.test, representation)
-            seconds += sum(record["seconds"] for record in spent)
+    spent = _cross_validate(scores, ntm, ranges, representation, config, records, run)
     chosen = choose(scores, sufficient=config.sufficient, margin=config.margin)
     details = {
         "domain": {"ranges": _ranges(split.train.parameters[:, 0])},
@@ -179,10 +154,11 @@ def train_ladder(
         },
         "warnings": [*source.warnings, *_doubts(min(scores[chosen].values()))],
         "trained": {
-            "iterations": dict(
-                zip(("parameters", "latents"), (r["iterations"] for r in records), strict=True)
-            ),
-            "minutes": round(seconds / 60, 2),
+            "iterations": {
+                kind: record["iterations"]
+                for kind, record in zip(get_args(Kind), records, strict=True)
+            },
+            "minutes": round((sum(record["seconds"] for record in records) + spent) / 60, 2),
             "seed": run.seed,
             "texels": len(source.parameters),
             "ranges_of": NAMES[channel],
@@ -190,6 +166,47 @@ def train_ladder(
         },
     }
     return replace(ntm, card=replace(card, details=details))
+
+
+def _cross_validate(
+    scores: Mapping[str, dict[str, float]],
+    ntm: NeuralTemporalModel,
+    ranges: Mapping[str, Split],
+    representation: Representation,
+    config: NTMConfig,
+    records: Sequence[Mapping[str, Any]],
+    run: Run,
+) -> float:
+    """Add the scores of what is held out in `ranges` to `scores`; returns the seconds of a core
+    that it took to train on the rest. `records` are those of the trainings on all.
+    """
+    cheap, dear = LADDER[:2], LADDER[2:]
+    folds = {
+        name: replace(ntm, affine=Affine.fit(part.train.parameters, part.train.observed))
+        for name, part in ranges.items()
+    }
+    for name, part in ranges.items():
+        for rung in cheap:
+            scores[rung][name] = score(rung, folds[name], part.test, representation)
+    if any(suffices(scores[rung], config.sufficient) for rung in cheap):
+        return 0.0
+    short = [
+        replace(
+            config,
+            iterations=max(1, round(record["iterations"] * config.fold_share)),
+            warm_up=max(1, round(config.warm_up * config.fold_share)),
+        )
+        for record in records
+    ]
+    seconds = 0.0
+    for name, part in ranges.items():
+        fold = replace(run, minutes=None).part(name)
+        models, spent = _train_both(part.train, representation, short, fold)
+        trained = replace(folds[name], parameters=models[0], latents=models[1])
+        for rung in dear:
+            scores[rung][name] = score(rung, trained, part.test, representation)
+        seconds += sum(record["seconds"] for record in spent)
+    return seconds
 
 
 def _doubts(psnr: float) -> list[str]:
