@@ -22,7 +22,7 @@ READY = .venv/ready .venv-blender/ready build/wheels/ready
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
-	@echo "make objects        age five objects by every model, into out/objects.png"
+	@echo "make objects        age five objects by every model, into out/objects.jpg"
 	@echo "make extension      build the zip to install in Blender (WHEELS=none: without torch)"
 	@echo "make test           lint, types and every test, in real Blender too"
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
@@ -39,7 +39,7 @@ demo: $(READY)
 objects: $(READY)
 	@mkdir -p out && extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
 	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
-	    .venv-blender/bin/python tests/demo/weathered_objects.py "$$extension" out/objects.png
+	    .venv-blender/bin/python tests/demo/weathered_objects.py "$$extension" out/objects.jpg
 
 extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/ready)
 	@.venv/bin/python .ci/extension.py build --wheels "$(WHEELS)" --output build

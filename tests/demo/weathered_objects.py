@@ -1,6 +1,6 @@
 """The picture of what every model does to things: five objects, eight models, three ages.
 
-    BLENDER_USER_RESOURCES=PROFILE python weathered_objects.py EXTENSION.zip OUTPUT.png [MODEL ...]
+    BLENDER_USER_RESOURCES=PROFILE python weathered_objects.py EXTENSION.zip OUTPUT.jpg [MODEL ...]
 
 A row a model, three pictures an object.  Each object is aged by the extension as an artist does it,
 with all defaults but for the size.  Prints the seam ratio of each, and what growing it took.
@@ -194,7 +194,7 @@ def save(picture: np.ndarray, path: Path) -> None:
     height, width, _ = picture.shape
     image = bpy.data.images.new("Sheet", width, height)
     image.pixels[:] = np.dstack((picture, np.ones((height, width), np.float32))).ravel().tolist()
-    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.filepath_raw, image.file_format = str(path), "JPEG"
     image.save()
 
 
