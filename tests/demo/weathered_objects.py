@@ -3,7 +3,7 @@
     BLENDER_USER_RESOURCES=PROFILE python weathered_objects.py EXTENSION.zip OUTPUT.jpg [MODEL ...]
 
 A row a model, three pictures an object.  Each object is aged by the extension as an artist does it,
-with all defaults but for the size.  Prints the seam ratio of each, and what growing it took.
+with all defaults but for the size.  Prints a table: the seam ratio of each, and what growing took.
 """
 
 from __future__ import annotations
@@ -205,22 +205,23 @@ def main() -> None:
     bpy.ops.extensions.package_install_files(
         filepath=extension, repo="user_default", enable_on_install=True
     )
-    rows = []
+    rows, table = [], []
     for model in models or MATERIALS:
-        row = []
+        row, cells = [], []
         for build in OBJECTS:
             started = time.monotonic()
             with tempfile.TemporaryDirectory() as folder:
                 row += tiles(build, model, Path(folder))
                 (report,) = Path(folder).rglob("aged.json")
                 told = json.loads(report.read_text(encoding="utf-8"))
-            seams, onset = told.get("seam_ratio"), told["seconds"]["onset"]
+            cells.append(f"{told['seam_ratio']:.2f}, {told['seconds']['onset']:.1f} s")
             took = time.monotonic() - started
-            print(
-                f"{model} on {build.__name__}: seams {seams}, {onset} s of {took:.0f}", flush=True
-            )
+            print(f"{model} on {build.__name__}: {cells[-1]} of {took:.0f} s", flush=True)
+        table.append(" | ".join((f"| {model}", *cells)) + " |")
         rows.append(np.concatenate(row, 1))
     save(np.concatenate(rows[::-1], 0), Path(output).resolve())
+    print("| | " + " | ".join(build.__name__ for build in OBJECTS) + " |")
+    print("|---" * (len(OBJECTS) + 1) + "|", *table, sep="\n")
 
 
 main()
