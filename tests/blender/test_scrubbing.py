@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from tests.blender.windowed import needs_window
 pytestmark = pytest.mark.slow
 KINDS = ["every_frame_32", "live_0_32", "live_12_32", "live_4_32", "sparse_32"]
 FILES = {"every_frame_32": 36, "live_0_32": 2, "live_12_32": 6, "live_4_32": 4, "sparse_32": 12}
+IN_A_WINDOW = ["live_4_32", "sparse_32"]  # software draws it: each takes a minute
 MAPS = 4  # of the material itself
 
 
@@ -45,8 +47,11 @@ def test_in_cycles_with_persistent_data_and_without(tmp_path: Path, results: lis
 
 @needs_window
 def test_in_a_window(tmp_path: Path, results: list[Path]):
+    for folder in results:
+        if folder.name not in IN_A_WINDOW:
+            shutil.rmtree(folder)
     report = scrubbing.in_window(tmp_path)
     assert report["renderer"]
-    for facts, name in zip(report["measured"], KINDS, strict=True):
+    for facts, name in zip(report["measured"], IN_A_WINDOW, strict=True):
         check(facts, name)
         assert facts["viewer"].startswith("Material Preview")
