@@ -30,6 +30,7 @@ from .texels import Texels, exposure_of, grown_timing, initial_states, timing_ma
 
 __all__ = ("Models", "Start", "read_start")
 
+_LOOKED_AT = 1 << 16  # texels, evenly spaced, that tell whether there is wear at all
 _NO_SURFACE = (
     "Exposure, pattern size and amount say how ageing grows over a surface, and count for nothing "
     "without one or where an onset is given."
@@ -126,12 +127,15 @@ def read_start(run: Run) -> Start:
 def _wear(
     ntm: NeuralTemporalModel, initial: Tensor, size: tuple[int, int]
 ) -> tuple[Course | None, NDArray[np.bool_] | None]:
-    """The course of a process, and where on it the texels [H, W] of a material are already; None
-    where nowhere.
+    """The course of a process, and which texels [H, W] of a material are on it already; None where
+    none of those are that are looked at.
     """
-    course = course_of(ntm).widened_to(initial)
-    worn = (course.age_of(initial) > 0).numpy().reshape(size)
-    return (course, worn) if worn.any() else (None, None)
+    course = course_of(ntm)
+    some = initial[:: max(1, len(initial) // _LOOKED_AT)]
+    if not (course.age_of(some) > 0).any():
+        return None, None
+    course = course.widened_to(some)
+    return course, (course.age_of(initial) > 0).numpy().reshape(size)
 
 
 def _timing(
