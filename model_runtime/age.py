@@ -215,8 +215,8 @@ def _rung(run: Run, start: Start, initial: Tensor) -> str:
     begun to age.
     """
     ntm = start.models.ntm
-    if start.course is not None and bool((fresh := start.course.age_of(initial) == 0).any()):
-        initial = initial[fresh]
+    if start.course is not None:
+        initial = start.course.sound(initial)
     if run.request.temporal_model != AUTO:
         return run.request.temporal_model
     rung, share = ntm.suited(initial)

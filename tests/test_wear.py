@@ -51,8 +51,10 @@ def test_a_rusted_material_is_old_all_over(data_folder: Path):
 @pytest.mark.parametrize("name", ["rust", "patina", "moss", "char", "soiling"])
 def test_what_is_on_the_course_only_ages(name: str):
     course = course_of(ntm_of(name))
-    assert course.ages[-1] == 1 and (course.age_of(course.states[1:]) == course.ages[1:]).all()
-    start = course.states[[1, -1]]
+    later = course.ages > course.ages[0] + 0.1
+    assert course.ages[-1] == 1
+    assert (course.age_of(course.states[later]) == course.ages[later]).all()
+    start = course.states[later][[0, -1]]
     change = course.onward(course.age_of(start), 9)
     assert (change[:, 0] == 0).all() and (change[1] == 0).all()
     away = (perceptual(start[:1] + change[0]) - perceptual(course.states[-1:])).norm(dim=-1)

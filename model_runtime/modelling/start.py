@@ -28,9 +28,10 @@ from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course, course_of
 from .texels import Texels, exposure_of, grown_timing, initial_states, timing_maps
 
-__all__ = ("Models", "Start", "read_start")
+__all__ = ("Models", "Start", "read_start", "wear_of")
 
 _LOOKED_AT = 1 << 16  # texels, evenly spaced, that tell whether there is wear at all
+_LEAST_WEAR = 0.01  # share of them
 _NO_SURFACE = (
     "Exposure, pattern size and amount say how ageing grows over a surface, and count for nothing "
     "without one or where an onset is given."
@@ -96,7 +97,7 @@ def read_start(run: Run) -> Start:
         exposure = exposure_of(request, models.ntm)
         course, worn = None, None
         if exposure.wear > 0 and not isinstance(material, MeasuredBRDF):
-            course, worn = _wear(models.ntm, initial, size)
+            course, worn = wear_of(models.ntm, initial, size)
         apart = None
         if request.timing_apart and size != (1, 1):
             onset, rate, grown = _timing(run, models.ntm, (1, 1), exposure, None, hashes)
@@ -124,15 +125,15 @@ def read_start(run: Run) -> Start:
     )
 
 
-def _wear(
+def wear_of(
     ntm: NeuralTemporalModel, initial: Tensor, size: tuple[int, int]
 ) -> tuple[Course | None, NDArray[np.bool_] | None]:
     """The course of a process, and which texels [H, W] of a material are on it already; None where
-    none of those are that are looked at.
+    hardly any of those are that are looked at: a speck is no rust.
     """
     course = course_of(ntm)
     some = initial[:: max(1, len(initial) // _LOOKED_AT)]
-    if not (course.age_of(some) > 0).any():
+    if (course.age_of(some) > 0).float().mean() < _LEAST_WEAR:
         return None, None
     course = course.widened_to(some)
     return course, (course.age_of(initial) > 0).numpy().reshape(size)

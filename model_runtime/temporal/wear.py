@@ -17,6 +17,8 @@ _MATERIALS = 192  # of those a model was trained on, which tell the course that 
 _TOGETHER = 0.3  # spread of a course below which all materials look alike, of its whole way
 _EARLIEST = 0.2  # age; before it hardly anything has happened yet
 _NEAR = 0.3  # distance from it at which a texel is on it, likewise
+_FADING = 0.5  # share of that distance over which texels are ever less on it
+_BEGINNING = 0.1  # age over which, after the earliest, they are ever more on it
 _MOSTLY = 0.75  # share of worn texels beyond which the others only look a little different
 _WIDER = 2.0
 _CHUNK = 1 << 14
@@ -47,16 +49,29 @@ class Course:
         """[n]: the age at which texels `parameters` [n, 7] are on the course; 0 where they are
         nowhere near it.
         """
-        found = torch.zeros(len(parameters))
+        age, share = self._place_of(parameters)
+        return age * (share > 0.5)
+
+    def _place_of(self, parameters: Tensor) -> tuple[Tensor, Tensor]:
+        """[n] each: the age of what is nearest on the course, and how far, 0 to 1, they are on it:
+        in steps, so that texels which nearly look alike age alike.
+        """
+        age, share = torch.zeros(2, len(parameters))
         if len(self.ages) == 0:
-            return found
+            return age, share
         course = perceptual(self.states)
         for start in range(0, len(parameters), _CHUNK):
-            away = torch.cdist(perceptual(parameters[start : start + _CHUNK]), course)
-            distance, place = away.min(1)
-            on = (distance < self.near) & (place > 0)
-            found[start : start + _CHUNK] = self.ages[place] * on
-        return found
+            part = slice(start, start + _CHUNK)
+            distance, place = torch.cdist(perceptual(parameters[part]), course).min(1)
+            age[part] = self.ages[place]
+            near = ((1 - distance / self.near) / _FADING + 0.5).clamp(0, 1)
+            share[part] = near * ((age[part] - self.ages[0]) / _BEGINNING).clamp(0, 1)
+        return age, share
+
+    def sound(self, parameters: Tensor) -> Tensor:
+        """Those of `parameters` [n, 7] that have not begun; all, where all have."""
+        sound = self.age_of(parameters) == 0
+        return parameters[sound] if sound.any() else parameters
 
     def onward(self, age: Tensor, frames: int) -> Tensor:
         """What texels that are at `age` [n] on the course still change: [n, frames, 7], from
@@ -73,13 +88,14 @@ class Course:
         """Histories `states` [P, T, 7] of `entries` [P, 7], but of those that are on the course
         already what is left of it: they keep what sets them apart, and never get younger.
         """
-        age = self.age_of(entries)
-        worn = age > 0
+        age, share = self._place_of(entries)
+        worn = share > 0
         if not worn.any():
             return states
         states = states.clone()
         onward = self.onward(age[worn], states.shape[1])
-        states[worn] = clamped(entries[worn][:, None] + onward)
+        gone_on = clamped(entries[worn][:, None] + onward)
+        states[worn] = torch.lerp(states[worn], gone_on, share[worn][:, None, None])
         return states
 
 

@@ -23,6 +23,7 @@ from model_runtime.maps import PrincipledMaps
 from model_runtime.model_files.weights import find_model
 from model_runtime.modelling.aged import EFFORTS, Change, model_texels
 from model_runtime.modelling.palette import appearance_psnr
+from model_runtime.modelling.start import wear_of
 from model_runtime.modelling.texels import initial_states, timing_maps
 from model_runtime.output.frames import maps_of
 from model_runtime.reading.inputs import read_input
@@ -138,10 +139,12 @@ def exact_texels(
     read = read_input(material, size=size)
     assert isinstance(read, PrincipledMaps)
     initial, shape, _ = initial_states(read, request)
-    rung = ntm.suited(initial)[0] if rung == AUTO else rung
+    course, worn = wear_of(ntm, initial, shape)
+    if rung == AUTO:
+        rung, _ = ntm.suited(initial if course is None else course.sound(initial))
     onset, rate = (
         None if each is None else torch.from_numpy(each.reshape(-1))
-        for each in timing_maps(request, ntm, shape)
+        for each in timing_maps(request, ntm, shape, worn)
     )
     rng = np.random.default_rng(seed)
     rows = np.sort(rng.choice(len(initial), min(texels, len(initial)), replace=False))
@@ -151,13 +154,15 @@ def exact_texels(
 
     path = folder / f"exact_{size}_{material.name}_{rung}.safetensors"
     model = identity(*ntm.tensors().values())
-    made_from = identity(initial[chosen], encoder, model, f"{rung} {times} {seed} {size}")
+    made_from = identity(
+        initial[chosen], encoder, model, f"{rung} {times} {seed} {size} {worn is not None}"
+    )
 
     def make() -> dict[str, Tensor]:
         start = time.process_time()
         aged = model_texels(
             initial[chosen],
-            Change(ntm, rung, representation),
+            Change(ntm, rung, representation, course=course),
             EFFORTS["exact"],
             onset=None if onset is None else onset[chosen],
             rate=None if rate is None else rate[chosen],
