@@ -51,11 +51,15 @@ def test_a_stain_grows_thinner_on_its_way_down(wall):
     assert upper > 1.5 * lower
 
 
-def test_runs_are_told_where_they_count():
+def test_what_is_below_starts_earlier_where_runs_count():
     atlas = atlas_of(WALL, 256)
-    settings = {"seed": 0, "exposure": Exposure(edges=1.0, runs=0.5)}
-    found = surface_timing(atlas, "rust", (256, 256), **settings)
-    assert found.runs is not None
-    assert found.runs.min() == 0 and 0.9 < found.runs.max() <= 1
-    settings["exposure"] = Exposure(edges=1.0)
-    assert surface_timing(atlas, "rust", (256, 256), **settings).runs is None
+    x, y, z = np.moveaxis(atlas.position, -1, 0) + np.reshape(atlas.origin, (3, 1, 1))
+    under = np.min([np.abs(x - each) for each in BOLTS], 0) < 0.03
+    under &= atlas.covered & (np.abs(y) < 0.01) & (z < 0.75)
+
+    def onset_there(runs: float) -> float:
+        exposure = Exposure(edges=1.0, runs=runs)
+        found = surface_timing(atlas, "rust", (256, 256), seed=0, exposure=exposure)
+        return float(found.onset[under].mean())
+
+    assert onset_there(0.8) < 0.9 * onset_there(0.0)

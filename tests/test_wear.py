@@ -61,7 +61,7 @@ def test_what_is_on_the_course_only_ages(name: str):
     assert away[-1] < 1e-3 and away[-1] < away[0]
 
 
-@pytest.mark.parametrize("name", ["fading", "yellowing"])
+@pytest.mark.parametrize("name", ["drying", "fading", "yellowing"])
 def test_a_process_without_a_common_end_leaves_no_wear(name: str):
     course = course_of(ntm_of(name))
     assert len(course.ages) == 0

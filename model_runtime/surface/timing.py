@@ -38,14 +38,12 @@ _CURVE = np.linspace(0, 1, 11).round(1)  # times at which `aged.json` tells how 
 class SurfaceTiming:
     """When texels start, 0 to 1 (1: never), and how fast they run, above 0 to 1: [H, W] each.
 
-    `runs` is what water has brought to each texel by the end, 0 to 1, None where it counts for
-    nothing. What no face covers has what the nearest texel has. `seam_ratio` is None where there
-    is no seam; `account` is `surface` of `aged.json`.
+    What no face covers has what the nearest texel has. `seam_ratio` is None where there is no seam;
+    `account` is `surface` of `aged.json`.
     """
 
     onset: Array
     rate: Array
-    runs: Array | None
     seam_ratio: float | None
     account: dict[str, Any]
 
@@ -126,10 +124,10 @@ def surface_timing(
     )
     ragged = np.float32(growth.raggedness)
     long = arrival / ragged + border.long(points.position), -mottling.long(points.position)
-    field = Interpolation.of(points, graph, np.stack((*long, known.get("runs", 0 * arrival)), -1))
+    field = Interpolation.of(points, graph, np.stack(long, -1))
     onset_ranks, rate_ranks = Ranking(*border.range(long[0])), Ranking(*mottling.range(long[1]))
     covered = atlas.covered_at(size)
-    onset, rate, runs = np.zeros((3, *size), np.float32)
+    onset, rate = np.zeros((2, *size), np.float32)
     never = np.zeros(size, bool)
     blocked = atlas.features.get("blocked", np.zeros_like(atlas.area)).reshape(-1) >= _WHITE
     worn = atlas.features.get(WEAR, np.zeros_like(atlas.area)).reshape(-1) > 0.5
@@ -140,11 +138,10 @@ def surface_timing(
     def lay(rows: range) -> tuple[Array, Array, Array]:
         """Arrivals and mottling of these rows, not yet ranked, and the area of each texel."""
         places = atlas.places(covered, rows)
-        late, slow, settled = field.at(places.position, points.at(places))
+        late, slow = field.at(places.position, points.at(places))
         late += border.short(places.position)
         slow -= mottling.short(places.position)
-        for pixels, values in ((onset, late), (rate, slow), (runs, settled.clip(0, 1))):
-            pixels.reshape(-1)[places.texel] = values
+        onset.reshape(-1)[places.texel], rate.reshape(-1)[places.texel] = late, slow
         never.reshape(-1)[places.texel] = blocked.take(places.baked)
         return late, slow, area.take(places.baked)
 
@@ -164,7 +161,7 @@ def surface_timing(
     seen = Seen.of(atlas, onset)
     for rows in _chunks(size):
         beside, source = atlas.beside(covered, rows)
-        for pixels in (onset, rate, runs):
+        for pixels in (onset, rate):
             pixels.reshape(-1)[beside] = pixels.reshape(-1).take(source)
     account = {
         "maps": ["position", "normal", *sorted(atlas.features.keys() - {WEAR})],
@@ -174,7 +171,7 @@ def surface_timing(
         "exposure": exposure.json(),
         "started": dict(zip(map(str, _CURVE.tolist()), seen.share_below(_CURVE), strict=True)),
     }
-    return SurfaceTiming(onset, rate, runs if exposure.runs else None, seen.seam_ratio(), account)
+    return SurfaceTiming(onset, rate, seen.seam_ratio(), account)
 
 
 def _chunks(size: tuple[int, int]) -> Iterator[range]:

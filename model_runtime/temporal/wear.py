@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from ..contract import AFFINE, CONSTANT
 from ..states import clamped, perceptual
 from .ntm import NeuralTemporalModel
 
@@ -15,8 +16,8 @@ __all__ = ("Course", "course_of")
 
 _MATERIALS = 192  # of those a model was trained on, which tell the course that all take
 _TOGETHER = 0.3  # spread of a course below which all materials look alike, of its whole way
-_EARLIEST = 0.2  # age; before it hardly anything has happened yet
 _NEAR = 0.3  # distance from it at which a texel is on it, likewise
+_EARLIEST = 0.2  # age; before it hardly anything has happened yet
 _FADING = 0.5  # share of that distance over which texels are ever less on it
 _BEGINNING = 0.1  # age over which, after the earliest, they are ever more on it
 _MOSTLY = 0.75  # share of worn texels beyond which the others only look a little different
@@ -30,7 +31,7 @@ class Course:
     rusted.
 
     ages: [A] from where they look alike, up to 1; none where they never do
-    states: [A, 7] (kd, ks, alpha), the mean over materials
+    states: [A, C], the mean over materials
     near: distance (perceptual) up to which a texel is on it
     """
 
@@ -39,14 +40,14 @@ class Course:
     near: float
 
     def widened_to(self, parameters: Tensor) -> Course:
-        """One that takes in all of a material [n, 7] that is worn nearly all over, its darkest and
+        """One that takes in all of a material [n, C] that is worn nearly all over, its darkest and
         brightest spots too.
         """
         mostly = bool((self.age_of(parameters) > 0).float().mean() > _MOSTLY)
         return replace(self, near=_WIDER * self.near) if mostly else self
 
     def age_of(self, parameters: Tensor) -> Tensor:
-        """[n]: the age at which texels `parameters` [n, 7] are on the course; 0 where they are
+        """[n]: the age at which texels `parameters` [n, C] are on the course; 0 where they are
         nowhere near it.
         """
         age, share = self._place_of(parameters)
@@ -54,7 +55,7 @@ class Course:
 
     def _place_of(self, parameters: Tensor) -> tuple[Tensor, Tensor]:
         """[n] each: the age of what is nearest on the course, and how far, 0 to 1, they are on it:
-        in steps, so that texels which nearly look alike age alike.
+        by degrees, so that texels which nearly look alike age alike.
         """
         age, share = torch.zeros(2, len(parameters))
         if len(self.ages) == 0:
@@ -69,12 +70,12 @@ class Course:
         return age, share
 
     def sound(self, parameters: Tensor) -> Tensor:
-        """Those of `parameters` [n, 7] that have not begun; all, where all have."""
+        """Those of `parameters` [n, C] that have not begun; all, where all have."""
         sound = self.age_of(parameters) == 0
         return parameters[sound] if sound.any() else parameters
 
     def onward(self, age: Tensor, frames: int) -> Tensor:
-        """What texels that are at `age` [n] on the course still change: [n, frames, 7], from
+        """What texels that are at `age` [n] on the course still change: [n, frames, C], from
         nothing to what it is at age 1, in as much time as it takes.
         """
         local = (age[:, None] + torch.linspace(0, 1, frames)).clamp_max(1)
@@ -85,7 +86,7 @@ class Course:
         return state - state[:, :1]
 
     def continued(self, entries: Tensor, states: Tensor) -> Tensor:
-        """Histories `states` [P, T, 7] of `entries` [P, 7], but of those that are on the course
+        """Histories `states` [P, T, C] of `entries` [P, C], but of those that are on the course
         already what is left of it: they keep what sets them apart, and never get younger.
         """
         age, share = self._place_of(entries)
@@ -104,7 +105,7 @@ def course_of(ntm: NeuralTemporalModel) -> Course:
     chance = torch.Generator().manual_seed(0)
     centers = ntm.domain.centres
     some = centers[torch.randperm(len(centers), generator=chance)[:_MATERIALS]].square()
-    model = ntm.affine if ntm.chosen in ("constant", "affine") else ntm.parameters
+    model = ntm.affine if ntm.chosen in (CONSTANT, AFFINE) else ntm.parameters
     histories = model.rollout(some, ntm.frames)
     seen = perceptual(histories)
     mean = seen.mean(0)
