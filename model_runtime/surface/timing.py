@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..temporal.pace import Timing
-from ..temporal.processes import growth_of, pace_of
+from ..temporal.processes import Growth, growth_of, pace_of
 from ..temporal.ranks import Ranking
-from .atlas import Atlas
+from .atlas import Atlas, Places
 from .exposure import Exposure, features
-from .graph import join
+from .graph import Graph, join
 from .growth import WEAR, Chance, grow, usual_unit
 from .interpolation import Interpolation
 from .noise import SpaceNoise
-from .points import sample
+from .points import Points, sample
 from .runs import deposit
 from .seams import Seen
 
@@ -75,6 +75,90 @@ class _Octaves:
         return float(long.min()) - bound, float(long.max()) + bound
 
 
+@dataclass(frozen=True)
+class _Waves:
+    """What is not yet ranked: arrivals and mottling, known at points and refined at texels.
+
+    Both are ranked by the area of the texels that they are asked for, of those that start.
+    """
+
+    field: Interpolation
+    points: Points
+    border: _Octaves
+    mottling: _Octaves
+    arrivals: Ranking
+    slowness: Ranking
+
+    @classmethod
+    def of(
+        cls,
+        growth: Growth,
+        points: Points,
+        graph: Graph,
+        arrival: Array,
+        *,
+        chance: Chance,
+        texel: float,
+    ) -> _Waves:
+        """`arrival` at the points, and texels of so many meters a side."""
+        border, mottling = (
+            _Octaves.of(
+                chance.noise(purpose, growth.grain, growth.gain),
+                spacing=points.spacing,
+                texel=texel,
+            )
+            for purpose in ("border", "rate")
+        )
+        late = arrival / np.float32(growth.raggedness) + border.long(points.position)
+        slow = -mottling.long(points.position)
+        return cls(
+            Interpolation.of(points, graph, np.stack((late, slow), -1)),
+            points,
+            border,
+            mottling,
+            Ranking(*border.range(late)),
+            Ranking(*mottling.range(slow)),
+        )
+
+    def at(self, places: Places) -> tuple[Array, Array]:
+        """Arrivals and mottling of these places."""
+        late, slow = self.field.at(places.position, self.points.at(places))
+        late += self.border.short(places.position)
+        slow -= self.mottling.short(places.position)
+        return late, slow
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """Maps [H, W] of arrivals and mottling, 0 where no face is, and of what is blocked for good."""
+
+    late: Array
+    slow: Array
+    never: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, waves: _Waves, atlas: Atlas, covered: NDArray[np.bool_]) -> _Laid:
+        """Of the texels that are `covered`, all of whose waves are ranked on the way."""
+        size = covered.shape[0], covered.shape[1]
+        laid = cls(np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, bool))
+        blocked = atlas.features.get("blocked", np.zeros_like(atlas.area)).reshape(-1) >= _WHITE
+        counted = _counted(atlas, blocked)
+
+        def lay(rows: range) -> tuple[Array, Array, Array]:
+            """Arrivals and mottling of these rows, and the area of each texel."""
+            places = atlas.places(covered, rows)
+            late, slow = waves.at(places)
+            laid.late.reshape(-1)[places.texel], laid.slow.reshape(-1)[places.texel] = late, slow
+            laid.never.reshape(-1)[places.texel] = blocked.take(places.baked)
+            return late, slow, counted.take(places.baked)
+
+        with ThreadPoolExecutor(_WORKERS) as workers:
+            for late, slow, area in workers.map(lay, _chunks(size)):
+                waves.arrivals.add(late, area)
+                waves.slowness.add(slow, area)
+        return laid
+
+
 def surface_timing(
     atlas: Atlas,
     process: str,
@@ -96,68 +180,20 @@ def surface_timing(
     """
     points = sample(atlas)
     graph = join(points)
-    known = features(atlas, points, graph)
     total = float(points.area.sum(dtype=np.float64))
-    unit = usual_unit(total)
-    growth = growth_of(process, timing)
-    if pattern_size is not None:
+    if pattern_size is None:
+        growth, unit = growth_of(process, timing), usual_unit(total)
+    else:
         growth = growth_of(process, None)
         unit = pattern_size / growth.scale
     chance = Chance(process, seed, unit)
-    if exposure.runs:
-        known["runs"] = deposit(
-            points,
-            graph,
-            susceptibility=exposure.susceptibility(known),
-            sky=known["sky"],
-            unit=unit,
-            rng=chance.rng("runs"),
-        )
+    known = _known(atlas, points, graph, exposure, chance)
     arrival = grow(growth, points, graph, exposure=exposure, known=known, chance=chance)
-
     texel = atlas.spacing_at(size)
-    border, mottling = (
-        _Octaves.of(
-            chance.noise(purpose, growth.grain, growth.gain), spacing=points.spacing, texel=texel
-        )
-        for purpose in ("border", "rate")
-    )
-    ragged = np.float32(growth.raggedness)
-    long = arrival / ragged + border.long(points.position), -mottling.long(points.position)
-    field = Interpolation.of(points, graph, np.stack(long, -1))
-    onset_ranks, rate_ranks = Ranking(*border.range(long[0])), Ranking(*mottling.range(long[1]))
+    waves = _Waves.of(growth, points, graph, arrival, chance=chance, texel=texel)
     covered = atlas.covered_at(size)
-    onset, rate = np.zeros((2, *size), np.float32)
-    never = np.zeros(size, bool)
-    blocked = atlas.features.get("blocked", np.zeros_like(atlas.area)).reshape(-1) >= _WHITE
-    worn = atlas.features.get(WEAR, np.zeros_like(atlas.area)).reshape(-1) > 0.5
-    area = atlas.area.reshape(-1)
-    if (sound := atlas.covered.reshape(-1) & ~blocked & ~worn).any():
-        area = np.where(sound, area, 0)
-
-    def lay(rows: range) -> tuple[Array, Array, Array]:
-        """Arrivals and mottling of these rows, not yet ranked, and the area of each texel."""
-        places = atlas.places(covered, rows)
-        late, slow = field.at(places.position, points.at(places))
-        late += border.short(places.position)
-        slow -= mottling.short(places.position)
-        onset.reshape(-1)[places.texel], rate.reshape(-1)[places.texel] = late, slow
-        never.reshape(-1)[places.texel] = blocked.take(places.baked)
-        return late, slow, area.take(places.baked)
-
-    with ThreadPoolExecutor(_WORKERS) as workers:
-        for late, slow, weight in workers.map(lay, _chunks(size)):
-            onset_ranks.add(late, weight)
-            rate_ranks.add(slow, weight)
-    pace = growth.pace if timing is None else pace_of(timing.onset)
-    for rows in _chunks(size):
-        part = slice(rows.start, rows.stop)
-        onset[part] = onset_ranks.paced(onset[part], pace, alike=0.0, amount=amount)
-        onset[part][never[part]] = 1
-        if timing is None:
-            rate[part] = np.exp(-growth.mottling * np.clip(0.6 - rate[part], 0, 2))
-        else:
-            rate[part] = rate_ranks.paced(rate[part], pace_of(timing.rate), alike=1.0)
+    laid = _Laid.of(waves, atlas, covered)
+    onset, rate = _paced(laid, waves, growth, timing, amount)
     seen = Seen.of(atlas, onset)
     for rows in _chunks(size):
         beside, source = atlas.beside(covered, rows)
@@ -174,7 +210,49 @@ def surface_timing(
     return SurfaceTiming(onset, rate, seen.seam_ratio(), account)
 
 
-def _chunks(size: tuple[int, int]) -> Iterator[range]:
+def _known(
+    atlas: Atlas, points: Points, graph: Graph, exposure: Exposure, chance: Chance
+) -> dict[str, Array]:
+    """The features of the points, and what runs down to them, where that has a say."""
+    known = features(atlas, points, graph)
+    if exposure.runs:
+        known["runs"] = deposit(
+            points,
+            graph,
+            susceptibility=exposure.susceptibility(known),
+            sky=known["sky"],
+            unit=chance.unit,
+            rng=chance.rng("runs"),
+        )
+    return known
+
+
+def _counted(atlas: Atlas, blocked: NDArray[np.bool_]) -> Array:
+    """The area by which each baked texel counts in the pace: none where it never starts, or has."""
+    worn = atlas.features.get(WEAR, np.zeros_like(atlas.area)).reshape(-1) > 0.5
+    sound = atlas.covered.reshape(-1) & ~blocked & ~worn
+    area = atlas.area.reshape(-1)
+    return np.where(sound, area, 0) if sound.any() else area
+
+
+def _paced(
+    laid: _Laid, waves: _Waves, growth: Growth, timing: Timing | None, amount: float
+) -> tuple[Array, Array]:
+    """Onset and rate, in the place of the maps that are laid."""
+    onset, rate = laid.late, laid.slow
+    pace = growth.pace if timing is None else pace_of(timing.onset)
+    for rows in _chunks(onset.shape):
+        part = slice(rows.start, rows.stop)
+        onset[part] = waves.arrivals.paced(onset[part], pace, alike=0.0, amount=amount)
+        onset[part][laid.never[part]] = 1
+        if timing is None:
+            rate[part] = np.exp(-growth.mottling * np.clip(0.6 - rate[part], 0, 2))
+        else:
+            rate[part] = waves.slowness.paced(rate[part], pace_of(timing.rate), alike=1.0)
+    return onset, rate
+
+
+def _chunks(size: tuple[int, ...]) -> Iterator[range]:
     step = max(1, _CHUNK // size[1])
     for start in range(0, size[0], step):
         yield range(start, min(start + step, size[0]))
