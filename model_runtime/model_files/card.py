@@ -94,9 +94,18 @@ def check_card(kind: str, card: Mapping[str, Any]) -> dict[str, Any]:
     for name in ("domain", "trained"):
         if not isinstance(card.get(name, {}), dict):
             raise ValueError(f"its {name} is not an object")
+    sources = card.get("sources", [])
+    if not isinstance(sources, list) or not all(map(_is_source, sources)):
+        raise ValueError("its sources are no list of name, license and credit")
     texts = {name: card.get(name, "") for name in _TEXTS}
     objects = {name: card.get(name, {}) for name in ("domain", "trained")}
     return {**texts, **objects, "frames": frames, "details": card}
+
+
+def _is_source(value: Any) -> bool:
+    return isinstance(value, dict) and all(
+        isinstance(value.get(name), str) for name in ("name", "license", "credit")
+    )
 
 
 def _texts(value: Any) -> Iterator[str]:

@@ -37,7 +37,9 @@ __all__ = (
     "save_model",
 )
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""The newest that is known: 1 has neither grain nor height, and is what older programs read."""
+
 MODELS = Path(__file__).parents[1] / "models"
 ENCODER = MODELS / "encoder.safetensors"
 ESTIMATOR = MODELS / "encoder.estimator.safetensors"
@@ -49,6 +51,8 @@ _FORMATS = {
 }
 _MAX_HEADER = 1 << 20
 _MAX_FILE = 1 << 28
+_GRAIN, _BYTES = "grain.", "grain.tile"
+_HEIGHT = "height"
 _LARGEST_WEIGHT = 1e4
 """Beyond any that training makes: those of the bundled models stay below 6."""
 
@@ -213,6 +217,8 @@ def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
             f"{file} is damaged ({reason(error)}).", "Copy or download it again."
         ) from error
     for name, value in tensors.items():
+        if name == _BYTES and value.dtype == torch.uint8:
+            continue
         if value.dtype != torch.float32:
             raise ModelFileError(
                 f"{file} holds numbers of another kind than single precision ({shown(name)}).",
@@ -240,13 +246,15 @@ def save_model(
     check: Callable[[Path], object] = lambda file: None,
 ) -> None:
     """Write `tensors` and `card` to `path`, whole or not at all: `check` may refuse what it finds
-    in the file by raising an error, before that takes its place.
+    in the file by raising an error, before that takes its place. Its version is the oldest that can
+    hold it.
 
     Raises OutputError where it cannot be written.
     """
     from safetensors.torch import save
 
-    card = {"format": _FORMATS[kind], "version": FORMAT_VERSION, **card}
+    newest = any(name == _HEIGHT or name.startswith(_GRAIN) for name in tensors)
+    card = {"format": _FORMATS[kind], **card, "version": FORMAT_VERSION if newest else 1}
     contiguous = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     content = save(contiguous, metadata={"card": json.dumps(card)})
     with replaced(path, parents=True) as beside:

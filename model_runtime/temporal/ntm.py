@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
 from torch import Tensor
 
 from ..channels import WIDTH
@@ -12,6 +13,7 @@ from ..contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS, LSTM_PARAMETERS
 from ..errors import ModelFileError, shown
 from ..model_files.weights import ModelCard, load_model
 from .domain import FOREIGN_SHARE, MOST_CENTRES, Domain
+from .grain import Grain, share_of
 from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
 from .pace import Timing
 
@@ -22,13 +24,19 @@ _SAMPLE = 4096  # texels that tell whether a material is foreign
 
 @dataclass(frozen=True)
 class NeuralTemporalModel:
-    """All rungs trained on one sequence. `chosen` is the cheapest that sufficed in validation."""
+    """All rungs trained on one sequence. `chosen` is the cheapest that sufficed in validation.
+
+    grain: what its source's texels had beyond their mean history; None: nothing
+    height: [T] the mean relief at each age, 0 at first, in sides of the grain's tile; None: none
+    """
 
     card: ModelCard
     affine: Affine
     parameters: ParameterLSTM
     latents: LatentLSTM
     domain: Domain
+    grain: Grain | None = None
+    height: Tensor | None = None
 
     @property
     def chosen(self) -> str:
@@ -75,6 +83,7 @@ class NeuralTemporalModel:
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything that a file must hold, by name."""
+        grain = {} if self.grain is None else self.grain.arrays()
         return {
             "affine.gain": self.affine.gain,
             "affine.offset": self.affine.offset,
@@ -82,6 +91,8 @@ class NeuralTemporalModel:
             "domain.radii": self.domain.radii,
             **{f"parameters.{name}": value for name, value in self.parameters.state_dict().items()},
             **{f"latents.{name}": value for name, value in self.latents.state_dict().items()},
+            **{name: torch.from_numpy(value) for name, value in grain.items()},
+            **({} if self.height is None else {"height": self.height}),
         }
 
     @classmethod
@@ -117,6 +128,7 @@ class NeuralTemporalModel:
                 and card.details["temporal_model"] in LADDER
             ):
                 raise ValueError("shapes do not agree")
+            grain, height = _grain(tensors, card), _height(tensors, card)
             _timing(card)
             _warnings(card)
         except (KeyError, RuntimeError, ValueError, TypeError) as error:
@@ -125,7 +137,28 @@ class NeuralTemporalModel:
             ) from error
         for module in (parameters, latents):
             module.eval().requires_grad_(False)
-        return cls(card, affine, parameters, latents, domain)
+        return cls(card, affine, parameters, latents, domain, grain, height)
+
+
+def _grain(tensors: dict[str, Tensor], card: ModelCard) -> Grain | None:
+    """The grain of a file; KeyError or ValueError where it cannot be used."""
+    arrays = {name: value.numpy() for name, value in tensors.items() if name.startswith("grain.")}
+    if not arrays:
+        return None
+    grain = Grain.of(arrays, share_of(card.details))
+    if len(grain.shapes) != card.frames:
+        raise ValueError("the grain has other ages")
+    return grain
+
+
+def _height(tensors: dict[str, Tensor], card: ModelCard) -> Tensor | None:
+    """The mean relief of a file; ValueError where it cannot be used."""
+    height = tensors.get("height")
+    if height is not None and not (
+        height.shape == (card.frames,) and height[0] == 0 and bool((height.abs() <= 1).all())
+    ):
+        raise ValueError("the height does not start from nothing")
+    return height
 
 
 def _timing(card: ModelCard) -> Timing | None:

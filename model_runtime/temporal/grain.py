@@ -1,0 +1,90 @@
+"""What texels have beyond their mean history: a by-example texture of what weathered.
+
+A source's texels differ from their mean by residues. Those of fully weathered ones, as a tile of
+three components, are an example from which more of the like is drawn: patches of the tile, taken
+from anywhere, are blended on a grid of triangles (Heitz and Neyret 2018, "High-Performance
+By-Example Noise using a Histogram-Preserving Blending Operator"). A blend of Gaussian values,
+divided by the root of its squared weights, is Gaussian again, and a table turns it into the
+example's own histogram. How strong a component is at which age, in which channels, its shapes say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..channels import WIDTH
+
+__all__ = ("COMPONENTS", "MOST_TEXELS", "Grain", "share_of")
+
+Array = NDArray[np.float32]
+
+COMPONENTS = 3
+MOST_TEXELS = 1024
+"""The largest side of a grain's tile."""
+
+_LEVELS = 256
+_GAUSSIAN = 4.0  # deviations that the tile's 0 and 255 stand for, and the ends of the tables
+_LARGEST = {"table": 200.0, "shapes": 10.0}  # unit variance allows no more; reflectances are near 1
+
+
+@dataclass(frozen=True)
+class Grain:
+    """An example of what texels have beyond their mean history, in three components.
+
+    tile: [3, S, S] uint8, S at most 1024, which wraps: 0 to 255 stand for Gaussian values -4 to 4,
+        of zero mean and unit variance
+    table: [3, 256], rising: what a component is where its Gaussian value is -4 to 4, evenly
+        spaced, g of zero mean and unit variance
+    shapes: [T, 3, 8]: what a component of 1 adds at each of T ages from 0 to 1 to kd, ks, r =
+        sqrt(alpha) and height (in sides of the tile); 0 at age 0
+    share: which share of a material tile's side this one covers, above 0 and at most 1
+
+    Raises ValueError for anything else.
+    """
+
+    tile: NDArray[np.uint8]
+    table: Array
+    shapes: Array
+    share: float
+
+    def __post_init__(self) -> None:
+        side = self.tile.shape[-1] if self.tile.ndim else 0
+        if (
+            self.tile.dtype != np.uint8
+            or self.tile.shape != (COMPONENTS, side, side)
+            or not 1 <= side <= MOST_TEXELS
+        ):
+            raise ValueError("the grain's tile is no square of bytes")
+        if self.table.shape != (COMPONENTS, _LEVELS) or bool((np.diff(self.table) < 0).any()):
+            raise ValueError("the grain's tables do not rise")
+        if self.shapes.shape[1:] != (COMPONENTS, WIDTH + 1) or bool(self.shapes[:1].any()):
+            raise ValueError("the grain's shapes do not start from nothing")
+        for name, largest in _LARGEST.items():
+            values = getattr(self, name)
+            if values.dtype != np.float32 or not bool((np.abs(values) <= largest).all()):
+                raise ValueError(f"the grain's {name} holds what no source has")
+        if not 0 < self.share <= 1:
+            raise ValueError("the grain's share is not between 0 and 1")
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """What a model file holds of it, by name; its card has the `share`."""
+        return {"grain.tile": self.tile, "grain.table": self.table, "grain.shapes": self.shapes}
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[Any]], share: float) -> Grain:
+        """What `arrays` made; KeyError where one is missing, ValueError where it cannot be used."""
+        return cls(arrays["grain.tile"], arrays["grain.table"], arrays["grain.shapes"], share)
+
+
+def share_of(card: Mapping[str, Any]) -> float:
+    """`share` of a card's `grain`; ValueError where there is none."""
+    stored = card.get("grain")
+    share = stored.get("share") if isinstance(stored, dict) else None
+    if isinstance(share, (int, float)) and not isinstance(share, bool):
+        return float(share)
+    raise ValueError("the card does not say which share of a tile its grain covers")
