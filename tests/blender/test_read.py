@@ -143,6 +143,7 @@ def test_packed_channels_stay_in_the_images_own_space(tmp_path):
     reading = read(material, plane(material), tmp_path)
     assert reading.uv_map is None
     assert reading.sampling.node == mapping.name
+    assert reading.laid_out_by is None  # by more than a UV map, though a bake of squares was needed
     maps = read_maps(tmp_path / "maps")
     np.testing.assert_allclose(maps["Roughness"][..., 0], codes[..., 1], atol=1e-6)
     np.testing.assert_allclose(maps["Metallic"][..., 0], codes[..., 2], atol=1e-6)

@@ -7,15 +7,19 @@ from collections.abc import Sequence
 import bpy
 
 from ....model_runtime.contract import EVERYWHERE
+from ..nodes.surface import Place, why_not_in_eevee
 from ..nodes.trace import is_animated, resolve, upstream
 from .bake import Target
 from .evaluated import Evaluated
 from .onset import showing
 from .pixels import Array
-from .space import Space, looked_up_by
+from .space import Space, choose_space, looked_up_by
+from .tiles import Tiles
 from .unwrap import active_uv_map, flat_share, overlaps, shows, squares
 
-__all__ = ("baked_badly", "lost", "shared", "unwrapped_badly")
+__all__ = ("baked_badly", "lacking", "lost", "shared", "surprising", "unwrapped_badly")
+
+_NAMED = 5  # tiles in a sentence
 
 # A smaller part, as the rims that Solidify makes, lies on a line of what is beside it.
 _FLAT = 0.5
@@ -57,6 +61,32 @@ def lost(
             f"is at frame {frame}."
         )
     return found
+
+
+def surprising(place: Place, space: Space, material: bpy.types.Material) -> list[str]:
+    """What may surprise, whatever the object: an engine that shows no aging, and a bake of images
+    that need none but for what is painted.
+    """
+    found = []
+    if (unaged := why_not_in_eevee(place)) is not None:
+        found.append(unaged)
+    if space.kind == "uv" and choose_space(place.principled, place.groups).kind == "texture":
+        found.append(
+            f"The images of “{material.name}” are baked to the UV map, because what is painted "
+            "on the mesh cannot be moved or tiled with them."
+        )
+    return found
+
+
+def lacking(material: bpy.types.Material, tiles: Tiles) -> list[str]:
+    """That faces lie on tiles which the images do not have."""
+    if not tiles.lacking:
+        return []
+    some = ", ".join(tiles.lacking[:_NAMED]) + ", ..." * (len(tiles.lacking) > _NAMED)
+    return [
+        f"Faces of “{material.name}” lie where its images have no tile ({some}); there "
+        "they will show what is next to them."
+    ]
 
 
 def unwrapped_badly(
