@@ -1,11 +1,9 @@
 """What texels have beyond their mean history: a by-example texture of what weathered.
 
 A source's texels differ from their mean by residues. Those of fully weathered ones, as a tile of
-three components, are an example from which more of the like is drawn: patches of the tile, taken
-from anywhere, are blended on a grid of triangles (Heitz and Neyret 2018, "High-Performance
-By-Example Noise using a Histogram-Preserving Blending Operator"). A blend of Gaussian values,
-divided by the root of its squared weights, is Gaussian again, and a table turns it into the
-example's own histogram. How strong a component is at which age, in which channels, its shapes say.
+three components, are an example from which more of the like is drawn (Heitz and Neyret 2018,
+"High-Performance By-Example Noise using a Histogram-Preserving Blending Operator"). How strong a
+component is at which age, in which channels, its shapes say.
 """
 
 from __future__ import annotations
@@ -18,17 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..channels import WIDTH
+from . import by_example
 
 __all__ = ("COMPONENTS", "MOST_TEXELS", "Grain", "share_of")
 
 Array = NDArray[np.float32]
+Halves = NDArray[np.float16]
 
 COMPONENTS = 3
 MOST_TEXELS = 1024
 """The largest side of a grain's tile."""
 
 _LEVELS = 256
-_GAUSSIAN = 4.0  # deviations that the tile's 0 and 255 stand for, and the ends of the tables
 _LARGEST = {"table": 200.0, "shapes": 10.0}  # unit variance allows no more; reflectances are near 1
 
 
@@ -79,6 +78,30 @@ class Grain:
     def of(cls, arrays: Mapping[str, NDArray[Any]], share: float) -> Grain:
         """What `arrays` made; KeyError where one is missing, ValueError where it cannot be used."""
         return cls(arrays["grain.tile"], arrays["grain.table"], arrays["grain.shapes"], share)
+
+    def in_tile(self, size: tuple[int, int], seed: int) -> Halves:
+        """Components [H W, 3] of a map of `size` that wraps, a material tile to its longer side.
+
+        A small map is the large one seen from further away; the same arguments give the same map.
+        """
+        return by_example.in_tile(self._example, size, self.share, seed).T
+
+    def on_surface(
+        self, position: Array, normal: Array, side: float, seed: int, *, texel: float | None = None
+    ) -> Halves:
+        """Components [n, 3] at places of a surface: positions [n, 3] in meters, unit normals
+        [n, 3], where this tile's side has the length `side` and texels are `texel` meters apart, by
+        default as far as the tile's.
+
+        Laid along the axes of space, so that they go on across seams: seen along the one that a
+        face looks along, and blended between.
+        """
+        texel = side / self.tile.shape[-1] if texel is None else texel
+        return by_example.on_surface(self._example, position, normal, side, seed, texel=texel).T
+
+    @property
+    def _example(self) -> by_example.Example:
+        return by_example.Example(self.tile, self.table)
 
 
 def share_of(card: Mapping[str, Any]) -> float:
