@@ -34,7 +34,6 @@ __all__ = (
     "Depth",
     "read_image",
     "read_vectors",
-    "resize",
     "write_exr",
 )
 
@@ -175,49 +174,6 @@ def _is_finite(plane: np.ndarray) -> bool:
         return bool(np.isfinite(plane).all())
     # By their bits: a tenth of the time that numpy takes with halves.
     return bool((plane.view(np.uint16) & 0x7FFF).max() < 0x7C00)
-
-
-def resize(pixels: Pixels, size: tuple[int, int]) -> Pixels:
-    """Resample [H, W] or [H, W, C] to `size` = (height, width).
-
-    Along an axis that shrinks, each new texel is the average of the area it covers; along one that
-    grows, linear interpolation between texel centres, edges repeated.
-    """
-    for axis, length in enumerate(size):
-        pixels = _resize_axis(pixels, axis, length)
-    return np.ascontiguousarray(pixels)
-
-
-def _resize_axis(pixels: Pixels, axis: int, length: int) -> Pixels:
-    old = pixels.shape[axis]
-    if length == old:
-        return pixels
-    index, weight = _area(old, length) if length < old else _linear(old, length)
-    broadcast = [1] * pixels.ndim
-    broadcast[axis] = length
-    total = np.zeros((*pixels.shape[:axis], length, *pixels.shape[axis + 1 :]), np.float32)
-    for sources, shares in zip(index, weight, strict=True):
-        total += pixels.take(sources, axis) * shares.reshape(broadcast).astype(np.float32)
-    return total
-
-
-def _area(old: int, new: int) -> tuple[np.ndarray, np.ndarray]:
-    """Source texels and their shares, each [taps, new], of an average over old / new texels."""
-    edges = np.arange(new + 1) * old / new
-    first = np.floor(edges[:-1] + 1e-9).astype(int)
-    index = first + np.arange(int(np.ceil(old / new)) + 1)[:, None]
-    overlap = np.minimum(index + 1, edges[1:]) - np.maximum(index, edges[:-1])
-    weight = overlap.clip(0) * new / old
-    used = weight.max(1) > 1e-9
-    return index.clip(0, old - 1)[used], weight[used]
-
-
-def _linear(old: int, new: int) -> tuple[np.ndarray, np.ndarray]:
-    """Source texels and their shares, each [2, new], of linear interpolation."""
-    place = ((np.arange(new) + 0.5) * old / new - 0.5).clip(0, old - 1)
-    lower = np.floor(place).astype(int)
-    fraction = place - lower
-    return np.stack((lower, (lower + 1).clip(max=old - 1))), np.stack((1 - fraction, fraction))
 
 
 def _luminance(pixels: Pixels) -> Pixels:

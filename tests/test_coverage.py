@@ -57,6 +57,16 @@ def test_the_nearest_is_the_nearest(share):
     np.testing.assert_array_equal(steps, distance_transform_cdt(~covered, "taxicab"))
 
 
+def test_the_nearest_within_reach():
+    covered = np.zeros((9, 9), bool)
+    covered[4, 2] = True
+    nearest = nearest_covered(covered, reach=3)
+    rows, columns = np.indices(covered.shape)
+    expected = np.abs(rows - 4) + np.abs(columns - 2) <= 3
+    np.testing.assert_array_equal(nearest, np.where(expected, 4 * 9 + 2, -1))
+    assert (nearest_covered(np.zeros_like(covered), reach=3) == -1).all()
+
+
 def test_maps_are_filled_before_they_shrink(tmp_path):
     """So that nothing black is mixed into the border of an island."""
     folder = concrete(tmp_path / "maps", covered=island())

@@ -11,12 +11,10 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image
 
 from model_runtime.errors import InputError, OutputError
-from model_runtime.images import read_image, resize, write_exr
+from model_runtime.images import read_image, write_exr
 from tests.pictures import interlaced, png, tiff, tiled_exr
 
 # IEC 61966-2-1: code value 188 of 255 is 0.5029 of white, 10 is 10 / 255 / 12.92.
@@ -266,33 +264,3 @@ def test_a_name_that_is_not_utf8_is_a_name(tmp_path: Path) -> None:
     plain.rename(folder)
     for path in folder.iterdir():
         assert (read_image(path, color=False) == 1).all()
-
-
-def test_reduction_averages_areas() -> None:
-    pixels = np.array([[0, 3, 6, 9, 12, 15]], np.float32)
-    assert resize(pixels, (1, 3)).tolist() == [[1.5, 7.5, 13.5]]
-    # Six texels on four: each new one covers one and a half.
-    np.testing.assert_allclose(
-        resize(pixels, (1, 4)), [[(0 + 1.5) / 1.5, (1.5 + 6) / 1.5, (9 + 6) / 1.5, 21 / 1.5]]
-    )
-
-
-def test_enlargement_is_linear_between_centres() -> None:
-    found = resize(np.array([[0, 4], [4, 8]], np.float32), (4, 4))
-    assert found[0].tolist() == [0, 1, 3, 4]
-    assert found[:, 0].tolist() == [0, 1, 3, 4]
-
-
-@settings(max_examples=100, deadline=None)
-@given(*[st.integers(1, 40)] * 4, st.booleans())
-def test_resampling_keeps_range_shape_and_mean(h: int, w: int, nh: int, nw: int, rgb: bool) -> None:
-    shape = (h, w, 3) if rgb else (h, w)
-    pixels = np.random.default_rng(h * 41 + w).random(shape).astype(np.float32)
-    found = resize(pixels, (nh, nw))
-    assert found.shape == (nh, nw, *shape[2:])
-    assert found.dtype == np.float32
-    assert found.min() >= pixels.min() - 1e-6
-    assert found.max() <= pixels.max() + 1e-6
-    if nh <= h and nw <= w:
-        np.testing.assert_allclose(found.mean(), pixels.mean(), rtol=1e-4)
-    np.testing.assert_allclose(resize(np.full_like(pixels, 0.7), (nh, nw)), 0.7, rtol=1e-6)

@@ -17,9 +17,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..contract import FORMATS, PRINCIPLED, PRINCIPLED_EXACT
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
-__all__ = ("EXACT_F0", "PULL", "exact", "forward", "read_back", "representable")
+__all__ = ("EXACT_F0", "PULL", "exact", "forward", "in_format", "read_back", "representable")
 
 EXACT_F0 = 0.8
 """F0 of IOR 17.94: with Specular Tint = Ks / 0.8 the node's Fresnel term is flat."""
@@ -85,6 +86,19 @@ def exact(aged: TorranceSparrowMaps) -> tuple[Pixels, Pixels, Pixels]:
     ks = aged.ks.clip(0, EXACT_F0)
     base = aged.kd / (1 - ks.max(-1, keepdims=True))
     return base.clip(0, 1), ks / np.float32(EXACT_F0), np.sqrt(aged.alpha.clip(0, 1))
+
+
+def in_format(
+    aged: TorranceSparrowMaps, format: str, authored: PrincipledMaps | None
+) -> dict[str, Pixels]:
+    """The maps of `format` by name, in their order; `authored` is needed for "principled" alone."""
+    if format == PRINCIPLED_EXACT:
+        return dict(zip(FORMATS[format], exact(aged), strict=True))
+    if format == PRINCIPLED:
+        assert authored is not None
+        back = read_back(aged, authored)
+        return {name: getattr(back, name) for name in FORMATS[format]}
+    return {name: getattr(aged, name) for name in FORMATS[format]}
 
 
 def representable(aged: TorranceSparrowMaps) -> bool:

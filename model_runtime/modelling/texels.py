@@ -15,10 +15,11 @@ from ..brdf import principled
 from ..brdf.measured import MeasuredBRDF
 from ..contract import AUTO, EVERYWHERE, AgeRequest, exposure_weights
 from ..errors import InputError, ModelFileError, shown
-from ..images import read_image, resize
+from ..images import read_image
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 from ..reading.coverage import nearest_covered
 from ..reading.inputs import Material
+from ..resampling import resize
 from ..surface.atlas import Atlas
 from ..surface.exposure import Exposure
 from ..surface.growth import WEAR

@@ -146,20 +146,11 @@ class FrameMaps:
         k = states.shape[1]
         order = band.order[:k]
         channels = iter(planes[:, band.place])
-        for pixels in self._converted(states, band.authored):
+        authored = band.authored and band.authored.map(lambda pixels: pixels[:k])
+        maps = principled.in_format(TorranceSparrowMaps.of(states), self.format, authored)
+        for pixels in maps.values():
             for plane in torch.from_numpy(pixels.reshape(k, -1).T).half():
                 next(channels).index_copy_(0, order, plane)
-
-    def _converted(self, states: Pixels, authored: PrincipledMaps | None) -> tuple[Pixels, ...]:
-        """The maps of `states` [C, k] in the order of `FORMATS`: [k, 1, 3] or [k, 1] each."""
-        maps = TorranceSparrowMaps.of(states)
-        if self.format == TORRANCE_SPARROW:
-            return maps.kd, maps.ks, maps.alpha
-        if self.format == PRINCIPLED_EXACT:
-            return principled.exact(maps)
-        assert authored is not None
-        back = principled.read_back(maps, authored.map(lambda pixels: pixels[: states.shape[1]]))
-        return back.base_color, back.metallic, back.specular, back.roughness
 
 
 @dataclass

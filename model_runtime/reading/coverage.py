@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..images import resize
 from ..maps import Pixels
+from ..resampling import resize
 
 __all__ = ("Coverage", "nearest_covered")
 
@@ -38,19 +39,20 @@ class Coverage:
         return pixels.reshape(-1, *pixels.shape[2:])[self._nearest[height, width]]
 
 
-def nearest_covered(covered: NDArray[np.bool_]) -> NDArray[np.int64]:
+def nearest_covered(covered: NDArray[np.bool_], *, reach: int | None = None) -> NDArray[np.int64]:
     """For each texel of [H, W] the number, counted row by row, of the nearest that is covered, in
-    steps across and down; at least one has to be.
+    steps across and down; -1 where none is, or none in `reach` of such steps.
 
     Grown from all of them at once, a step at a time.
     """
-    assert covered.any()
     height, width = covered.shape
     source = np.full((height + 2, width + 2), _BEYOND)
     inside = source[1:-1, 1:-1]
     inside[...] = np.where(covered, np.arange(covered.size).reshape(covered.shape), _UNKNOWN)
     flat, border = source.reshape(-1), np.flatnonzero(source >= 0)
-    while len(border):
+    for _ in itertools.count() if reach is None else range(reach):
+        if not len(border):
+            break
         reached = []
         for step in (-(width + 2), width + 2, -1, 1):
             free = flat[border + step] == _UNKNOWN

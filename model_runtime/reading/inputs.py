@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from ..brdf import merl, rgl
 from ..brdf.measured import MeasuredBRDF
 from ..errors import InputError, UsageError, reason, shown
-from ..images import MAX_SIDE, read_image, read_packed, resize
+from ..images import MAX_SIDE, read_image, read_packed
 from ..maps import HALF_MAX, Pixels, PrincipledMaps, TorranceSparrowMaps
+from ..resampling import resize
 from .coverage import Coverage
 from .texture_names import choose_maps
 

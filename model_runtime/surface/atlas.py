@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reading.coverage import nearest_covered
+from ..resampling import any_within
 
 __all__ = ("Atlas", "Places")
 
@@ -110,15 +111,7 @@ class Atlas:
 
     def covered_at(self, size: tuple[int, int]) -> NDArray[np.bool_]:
         """Which texels of a map of `size` a face shows: those that any of it lies in, [H, W]."""
-        covered = self.covered
-        for axis, length in enumerate(size):
-            old = covered.shape[axis]
-            if length >= old:
-                covered = covered.take((np.arange(length) * 2 + 1) * old // (2 * length), axis)
-                continue
-            edges = np.arange(length) * old // length
-            covered = np.logical_or.reduceat(covered, edges, axis)
-        return covered
+        return any_within(self.covered, size)
 
     def places(self, covered: NDArray[np.bool_], rows: range) -> Places:
         """The places that texels of these rows show, where they are `covered` [H, W]."""

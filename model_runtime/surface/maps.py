@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, reason, shown
-from ..images import EXTENSIONS, read_image, read_vectors, resize
+from ..images import EXTENSIONS, read_image, read_vectors
 from ..maps import Pixels
+from ..resampling import resize
 from .atlas import Atlas
 
 __all__ = ("read_surface", "surface_files")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tvbrdf.tvbrdf_addon.material.surface_maps.charts import Faces, laid_out
-from tvbrdf.tvbrdf_addon.material.surface_maps.raster import nearest_within, rasterize
+from tvbrdf.tvbrdf_addon.material.surface_maps.raster import rasterize
 from tvbrdf.tvbrdf_addon.material.surface_maps.shells import components, turned_in
 
 SQUARE = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]], np.float32)
@@ -63,16 +63,6 @@ def test_what_lies_on_one_another_is_told():
     shared = raster.image(raster.shared[:, None].astype(np.float32))[..., 0]
     assert shared[16:, :16].mean() > 0.9, "lower left; diagonals are borders"
     assert not shared[:16].any()
-
-
-def test_the_nearest_within_reach():
-    covered = np.zeros((9, 9), bool)
-    covered[4, 2] = True
-    nearest = nearest_within(covered, 3)
-    expected = np.zeros((9, 9), bool)
-    expected[1:8, 0:6] = True
-    np.testing.assert_array_equal(nearest >= 0, expected)
-    assert set(nearest[nearest >= 0]) == {4 * 9 + 2}
 
 
 def test_components_of_a_chain_and_a_ring():

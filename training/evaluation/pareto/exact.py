@@ -28,6 +28,7 @@ from model_runtime.modelling.texels import initial_states, timing_maps
 from model_runtime.output.frames import maps_of
 from model_runtime.reading.inputs import read_input
 from model_runtime.representation import load_representation
+from model_runtime.resampling import between
 from model_runtime.states import rows_of
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
@@ -187,15 +188,11 @@ def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
 
 def interpolated(pixels: np.ndarray, size: Sequence[int], rows: np.ndarray) -> np.ndarray:
     """The values [n, ...] of a map [h, w, ...] at the texels `rows` of a map of `size`: linear
-    between texel centres, tiled.
+    between texel centers, as all of `resize` would be.
     """
-    places = []
-    for small, large, at in zip(pixels.shape, size, np.divmod(rows, size[1]), strict=False):
-        place = (at + 0.5) * small / large - 0.5
-        lower = np.floor(place)
-        share = (place - lower).astype(np.float32).reshape(-1, *[1] * (pixels.ndim - 2))
-        places.append((lower.astype(int) % small, (lower.astype(int) + 1) % small, share))
-    (top, bottom, down), (left, further, right) = places
-    above = pixels[top, left] * (1 - right) + pixels[top, further] * right
-    below = pixels[bottom, left] * (1 - right) + pixels[bottom, further] * right
-    return above * (1 - down) + below * down
+    row, column = np.divmod(rows, size[1])
+    (top, bottom), down = (each[:, row] for each in between(pixels.shape[0], size[0]))
+    (left, further), right = (each[:, column] for each in between(pixels.shape[1], size[1]))
+    shares = (down[:, None] * right).astype(np.float32)
+    corners = np.stack([pixels[y, x] for y in (top, bottom) for x in (left, further)])
+    return np.einsum("kn,kn...->n...", shares.reshape(4, -1), corners)

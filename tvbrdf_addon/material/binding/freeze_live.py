@@ -9,15 +9,15 @@ import bpy
 import numpy as np
 
 from ....model_runtime.brdf import principled
-from ....model_runtime.contract import FORMATS, PRINCIPLED, PRINCIPLED_EXACT
 from ....model_runtime.live.evaluate import LiveMaps
 from ....model_runtime.maps import PrincipledMaps
+from ....model_runtime.resampling import resize
 from ...errors import MaterialError
 from ...output import free_folder
 from ..nodes.age import age_at
 from ..nodes.record import load, require_local
 from ..reading.onset import showing
-from ..reading.pixels import Array, read_exr, resampled, write_exr
+from ..reading.pixels import Array, read_exr, write_exr
 from ..reading.read import read
 from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
 from .bind import bind_stills
@@ -62,7 +62,8 @@ def freeze_live(
             frame=scene.frame_current,
         )
         authored = _authored(Path(place), files.size)
-    stills = _sockets(files, authored, age)
+    aged = _evaluator(files).aged(authored, age)
+    stills = principled.in_format(aged, files.format, authored)
     taken = [Path(bpy.path.abspath(image.filepath)).parent for image in bpy.data.images]
     home = free_folder(folder, f"frame {scene.frame_current}", taken)
     home.mkdir(exist_ok=True)
@@ -89,7 +90,7 @@ def _authored(folder: Path, size: tuple[int, int]) -> PrincipledMaps:
     """The maps that were read into `folder`, at the size of the result."""
 
     def color(name: str) -> Array:
-        return resampled(read_exr(folder / f"{name}.exr"), size)
+        return resize(read_exr(folder / f"{name}.exr"), size)
 
     def number(name: str) -> Array:
         return np.ascontiguousarray(color(name)[..., 0])
@@ -102,15 +103,6 @@ def _authored(folder: Path, size: tuple[int, int]) -> PrincipledMaps:
         ior=number("IOR"),
         specular_tint=color("SpecularTint"),
     )
-
-
-def _sockets(files: LiveFiles, authored: PrincipledMaps, age: float) -> dict[str, Array]:
-    """The result's maps at `age`, by name."""
-    aged = _evaluator(files).aged(authored, age)
-    if files.format == PRINCIPLED_EXACT:
-        return dict(zip(FORMATS[files.format], principled.exact(aged), strict=True))
-    shown = principled.read_back(aged, authored) if files.format == PRINCIPLED else aged
-    return {name: getattr(shown, name) for name in FORMATS[files.format]}
 
 
 def _evaluator(files: LiveFiles) -> LiveMaps:

@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
+from ....model_runtime.resampling import resize
 from ...known import image_texture, known
 from ..nodes.groups import shown_outside
 from ..nodes.surface import Place, find_principled
 from ..nodes.trace import resolve, upstream
 from .cycles import Baker, baking_scene
 from .evaluated import Evaluated
-from .pixels import Array, require_memory, resampled
+from .pixels import Array, require_memory
 from .space import image_sizes
 from .standin import object_like, scene_like
 from .tiles import Tile, Tiles
@@ -106,7 +107,7 @@ def bake_sockets(
             return pixels
 
         def kept(pixels: Array) -> Array:
-            return resampled(pixels, shape or size)
+            return resize(pixels, shape or size)
 
         tiles = target.tiles.used
         emission.inputs["Color"].default_value = (1, 1, 1, 1)

@@ -20,7 +20,6 @@ __all__ = (
     "read_exr",
     "read_exr_texel",
     "require_memory",
-    "resampled",
     "set_as_data",
     "write_exr",
 )
@@ -117,43 +116,6 @@ def _linear_to_srgb(color: Array) -> Array:
     """IEC 61966-2-1."""
     high = 1.055 * np.maximum(color, 0.0031308) ** (1 / 2.4) - 0.055
     return np.where(color <= 0.0031308, color * 12.92, high).astype(np.float32)
-
-
-def resampled(pixels: Array, size: tuple[int, int]) -> Array:
-    """The map at another size (height, width).
-
-    Larger it is bilinear between texel centres, tiling; smaller it is the mean over each texel.
-    """
-    for axis, length in enumerate(size):
-        if length > pixels.shape[axis]:
-            pixels = _stretched(pixels, axis, length)
-        elif length < pixels.shape[axis]:
-            pixels = _averaged(pixels, axis, length)
-    return pixels
-
-
-def _stretched(pixels: Array, axis: int, length: int) -> Array:
-    old = pixels.shape[axis]
-    at = (np.arange(length, dtype=np.float64) + 0.5) * old / length - 0.5
-    low = np.floor(at).astype(int)
-    weight = (at - low).astype(np.float32).reshape(_along(pixels, axis, length))
-    first, second = (np.take(pixels, (low + i) % old, axis=axis) for i in (0, 1))
-    return first * (1 - weight) + second * weight
-
-
-def _averaged(pixels: Array, axis: int, length: int) -> Array:
-    old = pixels.shape[axis]
-    ends = np.arange(length + 1) * old / length
-    whole = np.minimum(ends.astype(int), old - 1)
-    part = (ends - whole).reshape(_along(pixels, axis, length + 1))
-    # The integral from the border to each end: all texels before it, and the part of its own.
-    total = np.cumsum(pixels, axis=axis, dtype=np.float64) - pixels
-    integral = np.take(total, whole, axis=axis) + part * np.take(pixels, whole, axis=axis)
-    return (np.diff(integral, axis=axis) * (length / old)).astype(np.float32)
-
-
-def _along(pixels: Array, axis: int, length: int) -> list[int]:
-    return [length if each == axis else 1 for each in range(pixels.ndim)]
 
 
 def write_exr(path: Path, pixels: Array) -> None:

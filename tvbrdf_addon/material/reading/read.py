@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ....model_runtime.contract import EVERYWHERE
+from ....model_runtime.resampling import resize
 from ...errors import MaterialError
 from ...known import known
 from ..nodes.age import frame_range
@@ -25,7 +26,7 @@ from .check import why_not
 from .doubts import baked_badly, lacking, lost, shared, surprising, unwrapped_badly
 from .evaluated import Evaluated, distinct, evaluated
 from .onset import showing
-from .pixels import Array, resampled, write_exr
+from .pixels import Array, write_exr
 from .space import Sampling, Space, image_size, looked_up_by
 from .subject import Subject, write_maps
 from .tiles import Tiles, tiles_of
@@ -252,7 +253,7 @@ def _maps(subject: Subject, target: Target, sizes: _Sizes) -> tuple[dict[str, Ar
     """
     maps = subject.constants()
     if target.tiles.are_one:
-        maps |= {name: resampled(each, sizes.made) for name, each in subject.images().items()}
+        maps |= {name: resize(each, sizes.made) for name, each in subject.images().items()}
     names = {SOCKETS[name]: name for name in subject.sockets if name not in maps}
     if not names:
         return maps, None

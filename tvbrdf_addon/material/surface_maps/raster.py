@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ("Raster", "nearest_within", "rasterize")
+__all__ = ("Raster", "rasterize")
 
 Array = NDArray[np.float32]
 Double = NDArray[np.float64]
@@ -162,28 +162,3 @@ def _on_longest_side(corners: Double, from_first: Double) -> Double:
     weights[every, longest] = 1 - share.clip(0, 1)
     weights[every, (longest + 1) % 3] = share.clip(0, 1)
     return weights - 1e-6
-
-
-def nearest_within(covered: NDArray[np.bool_], reach: int) -> Numbers:
-    """For each texel [H, W] the number of one that is covered, counted row by row: itself, or one
-    at most `reach` texels beside and `reach` above or below; -1 where there is none.
-
-    Of those that are, the nearest in its row, or else that of the nearest row.
-    """
-    numbers = np.where(covered, np.arange(covered.size).reshape(covered.shape), -1)
-    for axis in (1, 0):
-        numbers = np.moveaxis(_spread(np.moveaxis(numbers, axis, 1), reach), 1, axis)
-    return numbers
-
-
-def _spread(numbers: Numbers, reach: int) -> Numbers:
-    """Along the rows: the nearest number that is not -1, within `reach`."""
-    places = np.arange(numbers.shape[1])
-    known = numbers >= 0
-    far = 2 * (numbers.shape[1] + reach)
-    before = np.maximum.accumulate(np.where(known, places, -far), 1)
-    after = np.minimum.accumulate(np.where(known, places, far)[:, ::-1], 1)[:, ::-1]
-    nearer = np.where(places - before <= after - places, before, after)
-    found = np.abs(nearer - places) <= reach
-    there = np.take_along_axis(numbers, nearer.clip(0, numbers.shape[1] - 1), 1)
-    return np.where(found, there, -1)

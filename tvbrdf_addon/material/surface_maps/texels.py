@@ -9,9 +9,11 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
+from ....model_runtime.reading.coverage import nearest_covered
+from ....model_runtime.resampling import any_within
 from ..reading.pixels import write_exr
 from .layout import Layout
-from .raster import Raster, nearest_within
+from .raster import Raster
 from .shelter import shelter
 
 __all__ = ("write_maps",)
@@ -33,7 +35,7 @@ def write_maps(layout: Layout, folder: Path) -> None:
     normal = raster.values(np.concatenate([part.normals for part in parts]))
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     covered = raster.covered
-    beside = nearest_within(covered, _MARGIN)
+    beside = nearest_covered(covered, reach=_MARGIN)
     alpha = covered.astype(np.float32)[..., None]
     for name, values in (("position", position), ("normal", normal)):
         pixels = _beyond(raster.image(values), beside)
@@ -52,8 +54,8 @@ def _write_sheltered(layout: Layout, position: Array, normal: Array, folder: Pat
     # No face sees more of the sky than the half space in front of it has.
     up = (1 + _at(raster.image(normal[:, 2:]), size)[..., 0]) / 2
     sheltered[..., 2] = np.minimum(sheltered[..., 2], np.where(_at(covered, size), up, 1))
-    there = _at_any(covered, size)
-    beside = nearest_within(there, _MARGIN)
+    there = any_within(covered, size)
+    beside = nearest_covered(there, reach=_MARGIN)
     for name, values in zip(("ao", "edge", "sky"), np.moveaxis(sheltered, 2, 0), strict=True):
         write_exr(folder / f"{name}.exr", _beyond(values[..., None], beside)[..., 0])
 
@@ -78,23 +80,16 @@ def _at(pixels: NDArray[np.generic], size: tuple[int, int]) -> NDArray:
     return pixels[rows[:, None], columns]
 
 
-def _at_any(covered: Marks, size: tuple[int, int]) -> Marks:
-    """Which texels of another size have anything covered [H, W] in them."""
-    there = np.zeros(size, bool)
-    rows, columns = np.nonzero(covered)
-    there[rows * size[0] // covered.shape[0], columns * size[1] // covered.shape[1]] = True
-    return there
-
-
 def _filled(values: Array, baked: Marks, raster: Raster, position: Array) -> Array:
     """What was baked [H, W, C], and where faces are smaller than a texel, or touch but its border,
     what lies next to them on the surface.
     """
-    values = _beyond(values, nearest_within(baked, 1))
+    nearest = nearest_covered(baked, reach=1)
+    values = _beyond(values, nearest)
     height, width = baked.shape
     rows, columns = np.divmod(raster.texels, raster.size[1])
     here = rows * height // raster.size[0] * width + columns * width // raster.size[1]
-    lost = (nearest_within(baked, 1) < 0).reshape(-1)[here]
+    lost = (nearest < 0).reshape(-1)[here]
     if not lost.any() or not baked.any():
         return values
     there = np.flatnonzero(baked.reshape(-1)[here])
