@@ -26,8 +26,10 @@ Array = NDArray[np.float32]
 
 _QUANTILES = (0.02, 0.99)  # of a feature, that become 0 and 1
 _FAINT = 0.6  # power: what is a little sheltered is told from what is not at all
+_STRONGEST = 3  # power mean
 _BLOCKED = np.float32(3.0)
-_FLAT = 0.02  # a feature that differs by less says nothing
+_SMOOTHED = 3  # times: a bake of few rays is noisy, and so is how points lie
+_FLAT = 0.04  # a feature that differs by less, of all that it could, says nothing
 
 
 @dataclass(frozen=True)
@@ -62,39 +64,61 @@ class Exposure:
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def susceptibility(self, known: Mapping[str, Array]) -> Array:
-        """The weighted sum of the features [n] that are `known`, at least one; less what is
-        `blocked` of each, which nothing makes up for.
+        """What the features [n] that are `known`, at least one, speak for and against by their
+        weights, the strongest nearly alone; less what is `blocked`, which nothing makes up for.
         """
-        weights = self.json()
-        weighted = [np.float32(weights[name]) * known[name] for name in weights if name in known]
-        weighted += [-_BLOCKED * known[name] for name in ("blocked",) if name in known]
-        return np.sum(weighted, axis=0, dtype=np.float32)
+        weighted = [
+            np.float32(weight) * known[name]
+            for name, weight in self.json().items()
+            if name in known
+        ]
+        total = _together(np.maximum(weighted, 0)) - _together(np.maximum(np.negative(weighted), 0))
+        return total - _BLOCKED * known["blocked"] if "blocked" in known else total
 
 
 _PROCESSES = {
     # Rust begins where paint is thin or broken, which is at edges and welds, and where water stands
     # (ISO 12944-3 asks for rounded edges and no crevices for these reasons); splashes reach what is
-    # low, and what rusts stains what lies below.
-    "rust": {"edges": 0.6, "crevices": 0.6, "ground": 0.25, "sky": 0.1, "runs": 0.4},
+    # low, and what rusts stains what lies below. Where it starts is hardly chance.
+    "rust": {
+        "edges": 0.6,
+        "crevices": 0.6,
+        "ground": 0.25,
+        "sky": 0.1,
+        "runs": 0.4,
+        "pattern": 0.5,
+    },
     # Copper turns green where rain wets it: on what looks up, and in the tracks of what runs off
     # (the Statue of Liberty's sheltered sides stayed brown for decades).
-    "patina": {"sky": 0.6, "runs": 0.6, "crevices": 0.2},
+    "patina": {"sky": 0.6, "runs": 0.6, "crevices": 0.2, "pattern": 0.7},
     # Moss needs water that stays and light: what looks up, joints and the foot of a wall; edges dry
     # first.
-    "moss": {"sky": 0.5, "crevices": 0.5, "ground": 0.35, "edges": -0.5, "runs": 0.2},
+    "moss": {
+        "sky": 0.5,
+        "crevices": 0.5,
+        "ground": 0.35,
+        "edges": -0.5,
+        "runs": 0.2,
+        "pattern": 0.6,
+    },
     # Black crusts form where soot settles and no rain washes it off: in what is sheltered and below
     # ledges, in streaks (Camuffo et al. 1982 told white, washed from black, sheltered areas).
     "soiling": {"runs": 0.7, "crevices": 0.5, "sky": -0.35, "edges": -0.2},
     # Light bleaches: what the sky sees fades first.
     "fading": {"sky": 1.0, "crevices": -0.2, "edges": 0.15, "pattern": 0.6},
     # Flames rise and thin parts burn first: from below, from edges.
-    "char": {"ground": 0.7, "edges": 0.5, "sky": -0.3, "crevices": -0.1},
+    "char": {"ground": 0.7, "edges": 0.5, "sky": -0.3, "crevices": -0.1, "pattern": 0.7},
     # What is exposed to moving air dries first: edges and the top; crevices and the foot stay wet.
-    "drying": {"edges": 0.6, "crevices": -0.7, "sky": 0.3, "ground": -0.4},
+    "drying": {"edges": 0.6, "crevices": -0.7, "sky": 0.3, "ground": -0.4, "pattern": 0.6},
     # Light and air yellow what they reach.
     "yellowing": {"sky": 0.8, "crevices": -0.3, "pattern": 0.6},
 }
 _UNKNOWN = {"edges": 0.3, "crevices": 0.3}
+
+
+def _together(reasons: Array) -> Array:
+    """What several reasons [k, n], none below 0, come to: hardly more than the strongest."""
+    return np.sum(reasons**_STRONGEST, axis=0) ** np.float32(1 / _STRONGEST)
 
 
 def features(atlas: Atlas, points: Points, graph: Graph) -> dict[str, Array]:
@@ -109,13 +133,16 @@ def features(atlas: Atlas, points: Points, graph: Graph) -> dict[str, Array]:
     bend *= points.spacing / np.maximum(known.sum(0), 1)
     height = points.position[:, 2]
     found = {
-        "edges": np.maximum(bend, 0),
-        "crevices": np.maximum(-bend, 0),
+        "edges": bend.clip(0, 1),
+        "crevices": (-bend).clip(0, 1),
         "sky": np.maximum(points.normal[:, 2], 0),
-        "ground": -height,
+        "ground": -height / max(atlas.extent, 1e-9),
     }
     for name, pixels in atlas.features.items():
         found[name] = points.mean_of(pixels)
+    for name in ("edges", "crevices", "sky"):
+        for _ in range(_SMOOTHED):
+            found[name] = graph.smoothed(found[name])
     return {
         name: values if name == "blocked" else _from_0_to_1(values, points.area)
         for name, values in found.items()
@@ -126,6 +153,6 @@ def _from_0_to_1(values: Array, area: Array) -> Array:
     order = np.argsort(values)
     share = np.cumsum(area[order], dtype=np.float64) / area.sum(dtype=np.float64)
     low, high = np.interp(_QUANTILES, share, values[order])
-    if high - low < _FLAT * max(abs(high), abs(low), 1e-9):
+    if high - low < _FLAT:
         return np.zeros_like(values)
     return (((values - low) / (high - low)).clip(0, 1) ** _FAINT).astype(np.float32)

@@ -40,6 +40,11 @@ class Graph:
         """What the neighbors have more of than the point itself: [NEIGHBORS, n, ...]."""
         return values[self.neighbor] - values
 
+    def smoothed(self, values: Array) -> Array:
+        """The mean of each point's value and those of its neighbors: [n]."""
+        known = np.isfinite(self.distance)
+        return (values + values[self.neighbor].sum(0, where=known)) / (1 + known.sum(0))
+
 
 def join(points: Points) -> Graph:
     """The nearest neighbors of each point, of those that face alike and lie in reach."""

@@ -34,6 +34,7 @@ _SEEKING = 3.0  # log-density of nuclei for a susceptibility of 1
 _EASE = 1.2  # log-speed, likewise
 _HEAD_START = 1.6  # of births, likewise, in times that the process takes from nucleus to nucleus
 _OWN = 1.5  # by how many of these times a point is born later where there is no nucleus
+_LEAST_CHANCE = 0.1
 _OCTAVES = 3
 
 
@@ -101,7 +102,7 @@ def grow(
     slowness = np.exp(
         exposure.pattern * growth.unevenness * uneven.at(points.position, 0, _OCTAVES)
         - _EASE * susceptibility
-    )
+    ) / np.float32(max(exposure.pattern, _LEAST_CHANCE))
     return arrival(
         graph,
         births.astype(np.float32),

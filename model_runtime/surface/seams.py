@@ -21,7 +21,7 @@ _MOST_SIDE = 1024  # texels a side that are looked at
 _TOUCHING = 2.2  # texels apart in space, at most: each center lies up to one from the border
 _ELSEWHERE = 2  # texels apart on the map, more than
 _ALIKE = -0.2  # cosine between normals, at least
-_FEWEST = 16  # pairs that make a mean
+_FEWEST = 16  # texels that make a mean
 
 
 @dataclass(frozen=True)
@@ -72,20 +72,37 @@ class Seen:
         rim, inner = self._rim(position, 1.5 * reach)
         i, j = near_pairs(position[rim], reach)
         i, inner, j = rim[i], inner[i], rim[j]
-        (row, column), (other_row, other_column) = np.divmod(i, shape[1]), np.divmod(j, shape[1])
-        apart = np.maximum(np.abs(row - other_row), np.abs(column - other_column)) > _ELSEWHERE
+        apart = self._elsewhere(i, j, position, reach)
         apart &= np.einsum("ij,ij->i", normal[i], normal[j]) >= _ALIKE
         i, inner, j = i[apart], inner[apart], j[apart]
-        if len(i) < _FEWEST:
-            return None
         distance = np.linalg.norm(position[i] - position[j], axis=-1)
         order = np.lexsort((distance, i))
         nearest = order[np.unique(i[order], return_index=True)[1]]
+        if len(nearest) < _FEWEST:
+            return None
         i, inner, j = i[nearest], inner[nearest], j[nearest]
         # A pair that coincides counts as one a twentieth of a texel apart.
         across = self._slope(i, j, position, reach / 40)
         inward = self._slope(i, inner, position, reach / 40)
         return round(across / inward, 3) if inward > 0 else None
+
+    def _elsewhere(self, i: Index, j: Index, position: Array, reach: float) -> NDArray[np.bool_]:
+        """Whether the way from i to j on the map leads elsewhere, or only by texels that are small
+        there: then the surface goes on as it does at i.
+        """
+        height, width = self.covered.shape
+        baked = np.zeros(self.covered.size, np.int64)
+        baked[self.places.texel] = self.places.baked
+        (row, column), (other_row, other_column) = np.divmod(i, width), np.divmod(j, width)
+        steps = other_row - row, other_column - column
+        foretold = position[i]
+        for slope, step, old, new in zip(
+            self.atlas.slopes, steps, self.atlas.size, (height, width), strict=True
+        ):
+            whole = (step * (old / new)).astype(np.float32)
+            foretold += slope.reshape(-1, 3).take(baked[i], 0) * whole[:, None]
+        near = np.linalg.norm(position[j] - foretold, axis=-1) <= reach
+        return ~near & (np.maximum(*map(np.abs, steps)) > _ELSEWHERE)
 
     def _slope(self, i: Index, j: Index, position: Array, least: float) -> float:
         """The mean step between texels, by their mean distance."""

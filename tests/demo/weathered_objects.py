@@ -214,7 +214,9 @@ def main() -> None:
                 row += tiles(build, model, Path(folder))
                 (report,) = Path(folder).rglob("aged.json")
                 told = json.loads(report.read_text(encoding="utf-8"))
-            cells.append(f"{told['seam_ratio']:.2f}, {told['seconds']['onset']:.1f} s")
+            ratio = told["seam_ratio"]
+            said = "no seam" if ratio is None else f"{ratio:.2f}"
+            cells.append(f"{said}, {told['seconds']['onset']:.1f} s")
             took = time.monotonic() - started
             print(f"{model} on {build.__name__}: {cells[-1]} of {took:.0f} s", flush=True)
         table.append(" | ".join((f"| {model}", *cells)) + " |")
