@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import bpy
 
-__all__ = ("image_texture", "known", "scene_of", "tree_of")
+__all__ = ("by_uid", "image_texture", "known", "scene_of", "tree_of")
 
 _T = TypeVar("_T")
 
@@ -15,6 +15,11 @@ def known(pointer: _T | None) -> _T:
     """`pointer`, which is not empty here: all that Blender points with is declared as optional."""
     assert pointer is not None
     return pointer
+
+
+def by_uid(collection: Any, uid: int | None) -> Any:
+    """The data-block of that session uid; None where it is gone."""
+    return next((block for block in collection if block.session_uid == uid), None)
 
 
 def scene_of(context: bpy.types.Context) -> bpy.types.Scene:

@@ -18,7 +18,7 @@ import bpy
 from ..model_runtime.contract import AUTO, BALANCED, EVERYWHERE, LIVE, LSTM_LATENTS
 from . import preferences, properties
 from .errors import MaterialError
-from .known import known
+from .known import by_uid, known
 from .log import said_of, tell
 from .material.nodes.revert import is_aged
 from .material.nodes.surface import find_principled
@@ -155,8 +155,8 @@ def _look_in_time() -> None:
     if _wanted is None or any(window.screen.is_animation_playing for window in windows):
         return
     started = time.monotonic()
-    material = _by_uid(bpy.data.materials, _wanted[0])
-    scene = _by_uid(bpy.data.scenes, _wanted[1])
+    material = by_uid(bpy.data.materials, _wanted[0])
+    scene = by_uid(bpy.data.scenes, _wanted[1])
     if material is None or scene is None or is_aged(material):
         return
     try:
@@ -209,10 +209,6 @@ def _readable(material: bpy.types.Material) -> tuple[bpy.types.Node, Space] | No
     space = choose_space(place.principled, place.groups, painted=is_painted(material))
     broken = any(node.image is None or min(image_size(node.image)) == 0 for node in space.images)
     return None if broken else (place.principled, space)
-
-
-def _by_uid(collection: Any, uid: int) -> Any:
-    return next((block for block in collection if block.session_uid == uid), None)
 
 
 def unregister() -> None:

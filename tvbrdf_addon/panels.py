@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Callable
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar
 
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from ..model_runtime.errors import shown
 from . import exposure, properties, session
+from .drawing import guarded, paragraph
 from .estimate import in_bytes, in_time
 from .known import known, scene_of
-from .log import said_of
 from .material.nodes.age import age_path
 from .material.nodes.record import is_live
 from .material.nodes.revert import is_aged
@@ -29,44 +26,6 @@ from .sharing import left_out
 
 __all__ = ("CLASSES",)
 
-Draw = Callable[[bpy.types.UILayout, bpy.types.Context], None]
-
-# Average width of a letter of the interface font, in unscaled pixels, and what icons and borders
-# take away from a line.
-LETTER_PIXELS = 6.4
-MARGIN_PIXELS = 55
-LONGEST_TEXT = 2000
-
-_Icon: TypeAlias = Literal["NONE", "CAMERA_DATA", "DOT", "ERROR", "INFO", "TIME"]
-
-
-def _paragraph(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: _Icon = "NONE"
-) -> None:
-    """`text` over as many lines as the region needs: Blender's labels do not wrap."""
-    pixels = context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS
-    column = layout.column(align=True)
-    column.scale_y = 0.8
-    for number, line in enumerate(
-        textwrap.wrap(shown(text, most=LONGEST_TEXT), max(int(pixels / LETTER_PIXELS), 12))
-    ):
-        if icon == "NONE":
-            column.label(text=line)
-        else:
-            column.label(text=line, icon=icon if number == 0 else "BLANK1")
-
-
-def _said(draw: Draw) -> Draw:
-    """`draw`, which says so in the panel where it fails."""
-
-    def guarded(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-        try:
-            draw(layout, context)
-        except Exception as error:
-            _paragraph(layout, context, said_of(error), "ERROR")
-
-    return guarded
-
 
 def _time_left(seconds: float) -> str:
     if seconds < 10:
@@ -76,7 +35,7 @@ def _time_left(seconds: float) -> str:
     return f"about {seconds / 60:.0f} min left"
 
 
-@_said
+@guarded
 def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = material_of(context)
     if material is None:
@@ -108,7 +67,7 @@ def _draw_model(
         layout.prop(settings, "ntm_file")
     elif (card := properties.card_of(settings)) is not None:
         box = layout.box()
-        _paragraph(box, context, card.summary)
+        paragraph(box, context, card.summary)
 
 
 def _draw_range(
@@ -147,7 +106,7 @@ def _draw_action(
     row.operator("tvbrdf.age_material", text=text)
     # Below the button: what comes and goes must not move it under the mouse.
     if reason := why_not(material, scene_of(context)):
-        _paragraph(layout, context, reason, "ERROR")
+        paragraph(layout, context, reason, "ERROR")
     else:
         _draw_forecast(layout, context, material)
     if aged:
@@ -161,7 +120,7 @@ def _draw_action(
         if is_live(material):
             layout.operator("tvbrdf.bake_frames", icon="RENDER_ANIMATION")
         if said := left_out(material):
-            _paragraph(layout, context, said, "ERROR")
+            paragraph(layout, context, said, "ERROR")
 
 
 def _draw_forecast(
@@ -174,9 +133,9 @@ def _draw_forecast(
     if material.tvbrdf.quality == EXACT and seconds > max(LONG_SECONDS, 2 * balanced):
         texels = expected.size[0] * expected.size[1]
         said += f" Exact models each of {texels:,} texels; Balanced takes {in_time(balanced)}."
-    _paragraph(layout, context, said, "TIME" if seconds < LONG_SECONDS else "ERROR")
+    paragraph(layout, context, said, "TIME" if seconds < LONG_SECONDS else "ERROR")
     if expected.why:
-        _paragraph(layout, context, expected.why, "CAMERA_DATA")
+        paragraph(layout, context, expected.why, "CAMERA_DATA")
 
 
 def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
@@ -205,14 +164,14 @@ def _draw_outcome(
         return
     if outcome.material_uid == material.session_uid:
         for sentence in outcome.sentences:
-            _paragraph(layout, context, sentence, outcome.icon)
+            paragraph(layout, context, sentence, outcome.icon)
     elif not any(other.session_uid == outcome.material_uid for other in bpy.data.materials):
         # It was deleted, or its file closed: there is no other place left to say so.
         for sentence in outcome.sentences:
-            _paragraph(layout, context, f"{outcome.material_name}: {sentence}", outcome.icon)
+            paragraph(layout, context, f"{outcome.material_name}: {sentence}", outcome.icon)
 
 
-@_said
+@guarded
 def _draw_start(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = known(material_of(context))
     layout.use_property_split = True
@@ -225,7 +184,7 @@ def _draw_start(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         _draw_onset(layout, context, material)
 
 
-@_said
+@guarded
 def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = known(material_of(context))
     layout.use_property_split = True
@@ -242,7 +201,7 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     column.prop(settings, "binding")
     column.prop(settings, "format")
     box = column.box()
-    _paragraph(box, context, properties.SHOWN[settings.format].told.meaning)
+    paragraph(box, context, properties.SHOWN[settings.format].told.meaning)
 
 
 def _draw_onset(
@@ -258,7 +217,7 @@ def _draw_onset(
         layout.prop(settings, "onset_attribute")
     layout.prop(settings, "onset_invert")
     first, last = ("White", "black") if settings.onset_invert else ("Black", "white")
-    _paragraph(layout, context, f"{first} starts first, {last} last.", "INFO")
+    paragraph(layout, context, f"{first} starts first, {last} last.", "INFO")
 
 
 def _draw_report(
@@ -275,12 +234,12 @@ def _draw_report(
     card = properties.card_named(report.ntm)
     usual = properties.usual_model(card) if card is not None else None
     for sentence in filter(None, (report.change(usual), *report.sentences, settings.size_reason)):
-        _paragraph(body, context, sentence, "DOT")
+        paragraph(body, context, sentence, "DOT")
     outcome = session.outcome()
     said = outcome.sentences if outcome and outcome.material_uid == material.session_uid else ()
     for sentence in report.warnings:
         if sentence not in said:
-            _paragraph(body, context, sentence, "ERROR")
+            paragraph(body, context, sentence, "ERROR")
 
 
 class _SidebarPanel:

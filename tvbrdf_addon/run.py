@@ -21,6 +21,7 @@ from ..model_runtime.output.commit import recover
 from . import exposure, outlook, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .growth import grows, growth, needs_no_texels
+from .known import by_uid
 from .material.nodes.age import frame_range
 from .material.nodes.revert import is_aged, revert
 from .material.reading.check import why_not as why_not_readable
@@ -251,8 +252,8 @@ class Run:
         from .material.reading.onset_map import write_onset
         from .material.reading.read import read
 
-        scene = _by_uid(bpy.data.scenes, self.plan.scene_uid)
-        obj = _by_uid(bpy.data.objects, self.plan.object_uid)
+        scene = by_uid(bpy.data.scenes, self.plan.scene_uid)
+        obj = by_uid(bpy.data.objects, self.plan.object_uid)
         if scene is None or (obj is None and self.plan.object_uid is not None):
             raise RunEndedError("The object that shows the material was deleted.")
         material, frame = self._material(), self.plan.frame_start
@@ -312,7 +313,7 @@ class Run:
 
     def _take_preview_back(self) -> None:
         self.previewing = False
-        material = _by_uid(bpy.data.materials, self.plan.material_uid)
+        material = by_uid(bpy.data.materials, self.plan.material_uid)
         if material is not None:
             take_preview_back(material)
 
@@ -367,7 +368,7 @@ class Run:
         outlook.learn(self.aged, self.plan.folder)
 
     def _material(self) -> bpy.types.Material:
-        material = _by_uid(bpy.data.materials, self.plan.material_uid)
+        material = by_uid(bpy.data.materials, self.plan.material_uid)
         if material is None:
             raise RunEndedError(
                 f"The material {self.plan.material_name} was deleted while it aged.",
@@ -381,10 +382,6 @@ def take_preview_back(material: bpy.types.Material) -> None:
     if material.tvbrdf.is_preview:
         material.tvbrdf.is_preview = False
         revert(material)
-
-
-def _by_uid(collection: Any, uid: int | None) -> Any:
-    return next((block for block in collection if block.session_uid == uid), None)
 
 
 def _near_file(folder: str) -> bool:
