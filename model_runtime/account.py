@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import __version__
-from .contract import FRAMES, LIVE, AgeRequest, Format, option
+from .contract import FRAMES, LIVE, METERS, OF_TEXTURE, AgeRequest, Format, option
 from .live.fitting import Fitted
 from .memory import peak_rss_mb
 from .modelling.compose import AgedTexels
@@ -36,10 +36,12 @@ def account_of(
     Every `interval`-th frame was aged; `live` stands for all frames where it is not None.
     """
     request = run.request
+    coefficients = None if live is None else live.coefficients + modelled.residue_count
     return {
         "format": format,
         "binding": FRAMES if live is None else LIVE,
-        "coefficients": 0 if live is None else live.coefficients,
+        "coefficients": coefficients or 0,
+        **_residues(modelled, start, live),
         "ntm": start.models.ntm.card.name,
         "frames": request.frames,
         "times": [round(time, 6) for time in times],
@@ -53,7 +55,7 @@ def account_of(
             modelled=len(modelled.palette.entries),
             interval=interval,
             files=files,
-            coefficients=None if live is None else live.coefficients,
+            coefficients=coefficients,
             not_live=start.may_be_live and live is None,
         ),
         "fit_error": round(max(start.fit_error, modelled.histories.fit_error), 6),
@@ -69,6 +71,19 @@ def account_of(
         "tolerance": request.tolerance,
         "hashes": start.hashes,
         **start.grown,
+    }
+
+
+def _residues(modelled: AgedTexels, start: Start, live: Fitted | None) -> dict[str, Any]:
+    """What says how grain and heights are to be read, where there are any."""
+    residues = modelled.residues
+    if residues is None:
+        return {}
+    return {
+        **({} if live is None else {"grain": residues.grain}),
+        "height": residues.raises,
+        "tile_side": round(start.laid.side, 9),
+        "tile_unit": METERS if start.laid.in_meters else OF_TEXTURE,
     }
 
 

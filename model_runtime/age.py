@@ -35,6 +35,7 @@ __all__ = ("AgeRequest", "Reporter", "age")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
+_BYTES_OF_HEIGHT = 4  # likewise, of a single
 _BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (
     "This change is too varied for the shader to compute within the tolerance, so frames were "
@@ -91,6 +92,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
             effort,
             onset=counted.onset,
             rate=counted.rate,
+            residues=counted.residues,
             tolerance=run.request.tolerance,
             step=lambda share: run.progress("model", 0.05 + 0.35 * share),
         )
@@ -124,9 +126,11 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
 def _require_room(run: Run, start: Start, staged: StagedResult, *, live: bool) -> None:
     """Raise OutputError where the result could not be written when it is there."""
     request = run.request
-    names = live_names() if live else file_names(start.format, request.frames)
+    heights = start.laid.residues is not None and start.laid.residues.raises
+    names = live_names() if live else file_names(start.format, request.frames, heights=heights)
     staged.require_free(names)
-    needed = len(names) * _BYTES_A_FILE if live else request.frames * _BYTES_A_FRAME
+    a_frame = _BYTES_A_FRAME + heights * _BYTES_OF_HEIGHT
+    needed = len(names) * _BYTES_A_FILE if live else request.frames * a_frame
     check_space(request.output, start.size[0] * start.size[1] * needed, len(names))
 
 
@@ -187,7 +191,8 @@ def _write(
         format, files = write_live(live.sum, aged, size, wanted, staged, start.apart)
     else:
         maps = maps_of(aged, start.material, size, wanted, times, covered=covered)
-        format, files = maps.format, _write_frames(run, Frames(maps, times, interval), staged)
+        frames = Frames(maps, times, interval)
+        format, files = maps.format, _write_frames(run, frames, staged, start.laid.unit)
     if format != wanted:
         run.warn(
             "Some texels reflect more than the exact Principled mapping can hold (Ks above "
@@ -196,8 +201,10 @@ def _write(
     return format, files
 
 
-def _write_frames(run: Run, frames: Frames, staged: StagedResult) -> dict[str, Any]:
-    """Write all frames, or those that are stored; returns `files` of `aged.json`."""
+def _write_frames(run: Run, frames: Frames, staged: StagedResult, unit: float) -> dict[str, Any]:
+    """Write all frames, or those that are stored, heights in their `unit`; returns `files` of
+    `aged.json`.
+    """
     request = run.request
 
     def step(fraction: float) -> None:
@@ -205,9 +212,9 @@ def _write_frames(run: Run, frames: Frames, staged: StagedResult) -> dict[str, A
 
     if request.sparse:
         return write_stored_frames(
-            frames, staged, step, tolerance=request.tolerance, seed=request.seed
+            frames, staged, step, tolerance=request.tolerance, seed=request.seed, unit=unit
         )
-    return write_frames(frames, staged, step)
+    return write_frames(frames, staged, step, unit=unit)
 
 
 def _rung(run: Run, start: Start, initial: Tensor) -> str:

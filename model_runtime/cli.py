@@ -126,6 +126,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SHARE",
         help=f"of the surface that changes ({usual.amount:g})",
     )
+    age.add_argument(
+        "--grain", type=float, metavar="SHARE", help=f"of what texels differ by ({usual.grain:g})"
+    )
     age.add_argument("--device", metavar=DEVICES, help=f"what computes ({usual.device})")
     for name, choices in CHOICES.items():
         age.add_argument(option(name), metavar="|".join(choices))

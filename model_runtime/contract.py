@@ -30,6 +30,7 @@ __all__ = (
     "EXPOSURES",
     "FORMATS",
     "FRAMES",
+    "HEIGHT",
     "IDLE_MINUTES",
     "IDLE_OPTION",
     "LADDER",
@@ -37,7 +38,9 @@ __all__ = (
     "LONGEST_PATTERN",
     "LSTM_LATENTS",
     "LSTM_PARAMETERS",
+    "METERS",
     "MOST_DB",
+    "OF_TEXTURE",
     "PRINCIPLED",
     "PRINCIPLED_EXACT",
     "PROTOCOL",
@@ -151,6 +154,13 @@ FORMATS: Mapping[str, Mapping[str, int]] = {
 }
 """The maps of each format, in order, and how many channels each has."""
 
+HEIGHT: Final = "height"
+"""The map of heights, beside those of any format, where these change."""
+
+METERS: Final = "meters"
+OF_TEXTURE: Final = "texture"
+"""In what `aged.json` tells the side of the grain's tile: a share of the textures' longer side."""
+
 EVERYWHERE: Final = "none"
 """The onset with which every texel starts to age at once."""
 
@@ -179,6 +189,7 @@ class AgeRequest:
     exposure: str | None = None
     pattern_size: float | None = None
     amount: float = 1.0
+    grain: float = 1.0
 
 
 CHOICES: Mapping[str, tuple[str, ...]] = {

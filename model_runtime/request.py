@@ -101,6 +101,11 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
                 "Quality exact leaves nothing out.",
             )
         given["tolerance"] = float(value)
+    if "grain" in given:
+        value = given["grain"]
+        if type(value) not in (int, float) or not 0 <= value <= 1:
+            raise UsageError(f"{option('grain')} must be a number from 0 to 1.")
+        given["grain"] = float(value)
     _check_growth(given)
     given["input"], given["output"] = Path(given["input"]), Path(given["output"])
     if "surface" in given:

@@ -10,17 +10,14 @@ import numpy as np
 import pytest
 import torch
 
-from model_runtime.brdf import principled
 from model_runtime.images import read_image, write_exr
 from model_runtime.live.evaluate import Curves, LiveMaps
 from model_runtime.live.files import read_live
 from model_runtime.live.fitting import fit_live
 from model_runtime.live.low_rank import at_ages
-from model_runtime.maps import PrincipledMaps
 from model_runtime.modelling.compose import AgedTexels
 from model_runtime.modelling.palette import Palette, appearance_psnr, build_palette
 from model_runtime.modelling.rollout import Histories
-from model_runtime.reading.inputs import read_input
 from tests.ageing import (
     TORRANCE_SPARROW,
     Listener,
@@ -30,6 +27,7 @@ from tests.ageing import (
     write_painted_steel,
     write_torrance_sparrow,
 )
+from tests.live_states import as_parameters, start_of
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -37,28 +35,29 @@ AGES = 5
 
 
 def by_hand(start, coefficients, age, curves: Curves) -> np.ndarray:
-    """One texel, one number after the other, in double precision."""
+    """One texel's state and height, one number after the other, in double precision."""
     if age == 0:
-        return np.array(start)
+        return np.array((*start, 0))
     place = age * (len(curves.gain) - 1)
     k = min(int(place), len(curves.gain) - 2)
     state = []
-    for channel in range(7):
+    for channel in range(8):
 
         def at(curve, channel=channel) -> float:
             return curve[k][channel] + (place - k) * (curve[k + 1][channel] - curve[k][channel])
 
-        value = at(curves.gain) * start[channel] + at(curves.offset)
+        value = at(curves.gain) * (*start, 0)[channel] + at(curves.offset)
         value += sum(c * at(v) for c, v in zip(coefficients, curves.shapes, strict=True))
-        state.append(max(value, 0) if channel < 6 else min(max(value, 0.01), 1))
+        limits = (0, np.inf) if channel < 6 else (0.01, 1) if channel == 6 else (-np.inf, np.inf)
+        state.append(np.clip(value, *limits))
     return np.array(state)
 
 
 def some_curves(count: int = 2) -> Curves:
     rng = np.random.default_rng(0)
-    gain, offset, *shapes = rng.normal(0, 0.5, (2 + count, AGES, 7)).astype(np.float32)
-    gain[0], offset[0] = 1, 0
-    shapes = np.reshape(shapes, (count, AGES, 7)).astype(np.float32)
+    gain, offset, *shapes = rng.normal(0, 0.5, (2 + count, AGES, 8)).astype(np.float32)
+    gain[0], gain[:, 7], offset[0] = 1, 0, 0
+    shapes = np.reshape(shapes, (count, AGES, 8)).astype(np.float32)
     shapes[:, 0] = 0
     return Curves(gain, offset, shapes)
 
@@ -69,9 +68,10 @@ class TestSum:
         curves, rng = some_curves(), np.random.default_rng(1)
         start = rng.random((40, 7)).astype(np.float32)
         coefficients = rng.normal(size=(40, 2)).astype(np.float32)
-        states = curves.at(start, coefficients, np.full(40, age, np.float32))
+        ages = np.full(40, age, np.float32)
         expected = [by_hand(s, c, age, curves) for s, c in zip(start, coefficients, strict=True)]
-        np.testing.assert_allclose(states, expected, atol=1e-5)
+        found = curves.at(start, coefficients, ages), curves.heights(coefficients, ages)[:, None]
+        np.testing.assert_allclose(np.concatenate(found, 1), expected, atol=1e-5)
 
     def test_age_0_is_the_start_to_the_bit_even_where_the_sum_would_not_be(self):
         start = np.array([[2.0, 0, 0, 0, 0, 0, 0.001]], np.float32)
@@ -85,7 +85,8 @@ class TestSum:
         start = np.full((1, 3, 7), 0.4, np.float32)
         for time, ages in ((0.25, (0.0, 0.55, 0.925)), (0.75, (0.2, 1.0, 1.0))):
             expected = [by_hand([0.4] * 7, [1.0], age, curves) for age in ages]
-            np.testing.assert_allclose(maps.at(start, time)[0], expected, atol=1e-5)
+            found = maps.at(start, time)[0], maps.height(time)[0, :, None]
+            np.testing.assert_allclose(np.concatenate(found, 1), expected, atol=1e-5)
 
     @pytest.mark.parametrize("count", [0, 1, 4])
     def test_curves_are_rows_of_an_image(self, count: int):
@@ -94,8 +95,8 @@ class TestSum:
         assert image.shape == (3 * (2 + count), AGES, 3)
         np.testing.assert_array_equal(image[0], curves.gain[:, :3])
         np.testing.assert_array_equal(image[4], curves.offset[:, 3:6])
-        np.testing.assert_array_equal(image[5, :, 0], curves.offset[:, 6])
-        assert not image[2::3, :, 1:].any()
+        np.testing.assert_array_equal(image[5, :, :2], curves.offset[:, 6:])
+        assert not image[2::3, :, 2].any()
         for name, values in vars(Curves.unpacked(image)).items():
             np.testing.assert_array_equal(values, getattr(curves, name))
 
@@ -146,6 +147,7 @@ class TestFit:
         _, found, _ = fitted(fade)
         assert found is not None and found.coefficients == 0
         curves = found.sum.curves()
+        assert not curves.gain[:, 7].any() and not curves.offset[:, 7].any()
         speed = np.array((0.9, 0.7, 0.5, 0.3, 0.2, 0.1))
         np.testing.assert_allclose(curves.gain[-1, :6], 1 - speed, atol=0.01)
         np.testing.assert_allclose(curves.offset[-1, :6], 0.3 * speed, atol=0.01)
@@ -193,7 +195,7 @@ class TestFit:
         _, found, _ = fitted(lambda start: bend(start, 2))
         assert found is not None
         curves = found.sum.curves()
-        assert (curves.gain[0] == 1).all()
+        assert (curves.gain[0, :7] == 1).all()
         assert not curves.offset[0].any() and not curves.shapes[:, 0].any()
 
     def test_a_texel_that_no_sample_meets_is_seen_to(self):
@@ -230,20 +232,6 @@ class TestFit:
             return torch.cat((start[:, None], table[number, 1:]), 1)
 
         assert fitted(wild)[1] is None
-
-
-def start_of(folder: Path, size: int | None = None) -> np.ndarray:
-    """[H, W, 7] (kd, ks, r) of a Principled material, read forward."""
-    material = read_input(folder, size=size)
-    assert isinstance(material, PrincipledMaps)
-    maps = principled.forward(material)
-    return np.concatenate((maps.kd, maps.ks, material.roughness[..., None]), -1)
-
-
-def as_parameters(states: np.ndarray) -> torch.Tensor:
-    """(kd, ks, alpha) [n, 7] of (kd, ks, r) [H, W, 7]."""
-    flat = torch.from_numpy(states.reshape(-1, 7))
-    return torch.cat((flat[:, :6], flat[:, 6:].square()), -1)
 
 
 class TestRun:

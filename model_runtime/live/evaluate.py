@@ -22,10 +22,11 @@ class Curves:
 
         y(a) = G(a) y(0) + O(a) + sum_k c_k V_k(a),
 
-    channel by channel, at T ages a from 0 to 1. At age 0 the gain is 1, the rest 0.
+    channel by channel, at T ages a from 0 to 1. At age 0 the gain is 1, the rest 0. After the
+    channels of a state comes that of a height, which is 0 at age 0, gain or no gain.
 
-    gain, offset: [T, C]
-    shapes: [R, T, C], one for each coefficient of a texel
+    gain, offset: [T, C + 1]
+    shapes: [R, T, C + 1], one for each coefficient of a texel
     """
 
     gain: Pixels
@@ -36,28 +37,37 @@ class Curves:
         """States [n, C] of texels that were `start` [n, C], with `coefficients` [n, R], at `age`
         [n] in 0..1; between two of the T ages in a straight line. At age 0 they are `start`.
         """
-        gain, offset = _between(self.gain, age), _between(self.offset, age)
+        gain, offset = (_between(each[:, :WIDTH], age) for each in (self.gain, self.offset))
         state = gain * start + offset
-        for coefficient, shape in zip(coefficients.T, self.shapes, strict=True):
+        for coefficient, shape in zip(coefficients.T, self.shapes[..., :WIDTH], strict=True):
             state += coefficient[:, None] * _between(shape, age)
         clip_planes(state.T, roughness=True)
         return np.where(age[:, None] > 0, state, start)
 
+    def heights(self, coefficients: Pixels, age: Pixels) -> Pixels:
+        """Heights [n] of texels with `coefficients` [n, R] at `age` [n]; at age 0 they are 0."""
+        height = _between(self.offset[:, WIDTH:], age)
+        for coefficient, shape in zip(coefficients.T, self.shapes[..., WIDTH:], strict=True):
+            height += coefficient[:, None] * _between(shape, age)
+        return np.where(age > 0, height[:, 0], 0)
+
     def packed(self) -> Pixels:
         """As an image [3 (2 + R), T, 3], its first row on top: gain, offset and shapes in this
-        order, each as three rows: kd, ks and (r, 0, 0).
+        order, each as three rows: kd, ks and (r, height, 0).
         """
         curves = np.stack((self.gain, self.offset, *self.shapes))
         rows = np.zeros((len(curves), 3, *self.gain.shape[:1], 3), np.float32)
         rows[:, 0], rows[:, 1], rows[:, 2, :, 0] = optics(curves)
+        rows[:, 2, :, 1] = curves[..., WIDTH]
         return rows.reshape(-1, *rows.shape[2:])
 
     @classmethod
     def unpacked(cls, image: Pixels) -> Curves:
         """The curves that `packed` made `image` of."""
-        curves = np.empty((len(image) // 3, image.shape[1], WIDTH), np.float32)
+        curves = np.empty((len(image) // 3, image.shape[1], WIDTH + 1), np.float32)
         curves[..., KD], curves[..., KS] = image[::3], image[1::3]
         curves[..., ALPHA] = image[2::3, :, :1]
+        curves[..., WIDTH] = image[2::3, :, 1]
         gain, offset, *shapes = curves
         return cls(gain, offset, np.reshape(shapes, (-1, *gain.shape)))
 
@@ -77,15 +87,26 @@ class LiveMaps:
 
     def at(self, start: Pixels, time: float) -> Pixels:
         """States [H, W, C] at `time` in 0..1 of texels that were `start` [H, W, C]."""
-        size, channels = start.shape[:2], start.shape[2]
-        age = np.full(size, time, np.float32)
-        if self.timing is not None:
-            onset, rate, given = np.moveaxis(self.timing, -1, 0)
-            age = (given + rate * (age - onset).clip(0)).clip(0, 1)
+        channels = start.shape[2]
+        age = self._local(time)
         state = self.curves.at(
             start.reshape(-1, channels), self.coefficients.reshape(age.size, -1), age.reshape(-1)
         )
         return state.reshape(start.shape)
+
+    def height(self, time: float) -> Pixels:
+        """Heights [H, W] at `time`, in sides of the grain's tile."""
+        age = self._local(time)
+        flat = self.curves.heights(self.coefficients.reshape(age.size, -1), age.reshape(-1))
+        return flat.reshape(age.shape)
+
+    def _local(self, time: float) -> Pixels:
+        """The age [H, W] of each texel at `time`."""
+        age = np.full(self.coefficients.shape[:2], time, np.float32)
+        if self.timing is not None:
+            onset, rate, given = np.moveaxis(self.timing, -1, 0)
+            age = (given + rate * (age - onset).clip(0)).clip(0, 1)
+        return age
 
     def aged(self, authored: PrincipledMaps, time: float) -> TorranceSparrowMaps:
         """What texels that were `authored` show at `time`."""

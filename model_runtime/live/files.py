@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from ..brdf.principled import EXACT_F0
-from ..channels import optics
+from ..channels import REFLECTANCES, optics
 from ..contract import (
     COEFFICIENTS_A_FILE,
     CURVES,
@@ -30,6 +30,7 @@ from ..contract import (
 from ..images import read_image
 from ..maps import Halves, Pixels
 from ..modelling.compose import AgedTexels
+from ..modelling.residues import HEIGHT_PLACE, Residues
 from ..output.stored import StagedResult
 from .evaluate import Curves, LiveMaps
 from .low_rank import MOST_COEFFICIENTS, LowRank
@@ -67,7 +68,8 @@ def write_live(
     it can hold.
     """
     files: dict[str, Any] = {"curves": CURVES}
-    staged.write(CURVES, found.curves().packed(), depth="single")
+    curves, residues = _with_residues(found.curves(), aged.residues), aged.residues
+    staged.write(CURVES, curves.packed(), depth="single")
     if timing is not None:
         files["timing"] = TIMING
         planes = (torch.from_numpy(each.reshape(-1)) for each in timing)
@@ -76,11 +78,14 @@ def write_live(
         files["timing"] = TIMING
         rate = torch.ones(()) if aged.rate is None else aged.rate
         staged.write(TIMING, _image((aged.onset, rate), size), compression="zip")
-    coefficients = torch.empty(len(found.shapes), len(aged.initial), dtype=torch.half)
+    coefficients = torch.empty(len(curves.shapes), len(aged.initial), dtype=torch.half)
     for start in range(0, len(aged.initial), _BAND):
         band = slice(start, start + _BAND)
         found_here = found.of(aged.initial[band], aged.palette.index[band])
-        coefficients[:, band] = (found_here * _FINEST).round().div(_FINEST).T
+        own = [found_here.T]
+        if residues is not None and len(residues.shapes):
+            own.append(residues.coefficients[:, band] / residues.largest[:, None])
+        coefficients[:, band] = (torch.cat(own) * _FINEST).round().div(_FINEST)
     files["coefficients"] = []
     for first in range(0, len(coefficients), COEFFICIENTS_A_FILE):
         files["coefficients"].append(coefficients_file(first // COEFFICIENTS_A_FILE))
@@ -89,6 +94,17 @@ def write_live(
     if format == PRINCIPLED_EXACT and not _representable(found, aged):
         format = TORRANCE_SPARROW
     return format, files
+
+
+def _with_residues(curves: Curves, residues: Residues | None) -> Curves:
+    """`curves`, and those of `residues` after them, for coefficients of at most 1."""
+    if residues is None:
+        return curves
+    ages = torch.linspace(0, 1, len(curves.gain))
+    offset = curves.offset.copy()
+    offset[:, HEIGHT_PLACE] = residues.height_at(ages).numpy()
+    shapes = residues.shapes_at(ages) * residues.largest[:, None, None]
+    return Curves(curves.gain, offset, np.concatenate((curves.shapes, shapes.numpy())))
 
 
 def _image(planes: Iterable[Tensor], size: tuple[int, ...]) -> Halves:
@@ -109,16 +125,31 @@ def _representable(found: LowRank, aged: AgedTexels) -> bool:
         ]
     )
     # Only texels of entries that come near to the limit can be beyond it.
-    near = (headroom < _NEAR)[index].nonzero()[:, 0]
+    near = (headroom < _NEAR + _most_added(aged.residues))[index].nonzero()[:, 0]
     return all(
-        bool((_headroom(found, aged.initial[rows], index[rows]) >= 0).all())
+        bool((_headroom(found, aged.initial[rows], index[rows], some) >= 0).all())
         for rows in near.split(_HISTORIES)
+        for some in (None if aged.residues is None else aged.residues.select(rows),)
     )
 
 
-def _headroom(found: LowRank, initial: Tensor, entry: Tensor) -> Tensor:
+def _most_added(residues: Residues | None) -> float:
+    """What `residues` add to a reflectance at most."""
+    if residues is None:
+        return 0.0
+    added = residues.shapes[..., REFLECTANCES].abs() * residues.largest[:, None, None]
+    return 2 * float(added.sum(0).max())
+
+
+def _headroom(
+    found: LowRank, initial: Tensor, entry: Tensor, residues: Residues | None = None
+) -> Tensor:
     """[n]: how far texels stay, at every age, below what "principled-exact" can hold."""
-    kd, ks, _ = optics(found.at_ages(initial, entry))
+    states = found.at_ages(initial, entry)
+    if residues is not None and len(residues.shapes):
+        shapes = residues.shapes_at(found.ages)[..., :HEIGHT_PLACE]
+        states = states + torch.tensordot(residues.coefficients.T.float(), shapes, 1)
+    kd, ks, _ = optics(states)
     strongest = ks.amax(-1)
     return torch.minimum(EXACT_F0 - strongest, 1 - strongest - kd.amax(-1)).amin(1)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from ..maps import PrincipledMaps, TorranceSparrowMaps
 from ..modelling.compose import AgedTexels
 from ..modelling.palette import look, viewed
 from ..states import joined
-from .low_rank import LowRank, at_ages, fit_low_rank
+from .low_rank import MOST_COEFFICIENTS, LowRank, at_ages, fit_low_rank
 
 __all__ = ("Fitted", "fit_live")
 
@@ -45,7 +45,8 @@ def fit_live(
     authored: PrincipledMaps | None = None,
 ) -> Fitted | None:
     """The sum of fewest coefficients that reaches `tolerance` dB, or what `aged` itself does where
-    that is less, at every age; None where the most do not, or where `aged` holds NaN.
+    that is less, at every age; None where the most do not, or where `aged` holds NaN. What it
+    shows beyond its histories is not looked at, but takes its share of coefficients.
 
     It is held against texels that `truth_of` models each for itself: some at random, and those that
     it leaves farthest. Where they are to be read back as they were `authored` [H, W], they are
@@ -53,6 +54,8 @@ def fit_live(
     """
     if not aged.histories.states.isfinite().all():
         return None
+    most = MOST_COEFFICIENTS - aged.residue_count
+    aged = replace(aged, residues=None)
     whole = fit_low_rank(aged)
     index, count = aged.palette.index, len(aged.initial)
     random = torch.randint(
@@ -74,7 +77,7 @@ def fit_live(
         return float(-10 * error[: len(random)].mean(0).max().clamp_min(1e-10).log10())
 
     asked = min(tolerance, reached(errors(at_ages(some))))
-    for coefficients in range(len(whole.shapes) + 1):
+    for coefficients in range(min(len(whole.shapes), most) + 1):
         found = whole.first(coefficients)
         states = found.at_ages(some.initial, some.palette.index)
         error = errors(states)

@@ -85,12 +85,12 @@ class LowRank:
         return states
 
     def curves(self) -> Curves:
-        """At evenly spaced ages, as near to each other as the nearest of `ages`."""
+        """At evenly spaced ages, as near to each other as the nearest of `ages`; without height."""
         even = np.linspace(0, 1, round(1 / float(self.ages[1])) + 1)
 
         def spread(curve: Tensor) -> Pixels:
             columns = [np.interp(even, self.ages, column) for column in curve.T]
-            return np.stack(columns, -1).astype(np.float32)
+            return np.stack([*columns, np.zeros_like(even)], -1).astype(np.float32)
 
         shapes = [spread(shape) for shape in self.shapes]
         gain, offset = spread(self.gain), spread(self.offset)

@@ -19,6 +19,7 @@ from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course
 from .compose import AgedTexels
 from .palette import Palette, appearance_psnr, build_palette
+from .residues import Residues
 from .rollout import CPU, Histories, roll_out
 
 __all__ = ("EFFORTS", "Change", "Effort", "model_texels")
@@ -94,13 +95,16 @@ class Change:
         histories: Histories,
         onset: Tensor | None = None,
         rate: Tensor | None = None,
+        residues: Residues | None = None,
     ) -> AgedTexels:
         """Texels `initial` [n, C] that follow `histories`, those of the entries of `palette`.
 
         onset, rate: [n] when each starts and how fast it runs; without an onset all change as those
         of the source did on average.
+        residues: what they show beyond their histories, where anything changes
         """
-        texels = AgedTexels(initial, palette, histories, self.gain, onset, rate)
+        residues = None if self.rung == CONSTANT else residues
+        texels = AgedTexels(initial, palette, histories, self.gain, onset, rate, residues)
         timing = self.ntm.timing
         if onset is not None or timing is None:
             return texels
@@ -114,12 +118,13 @@ def model_texels(
     *,
     onset: Tensor | None = None,
     rate: Tensor | None = None,
+    residues: Residues | None = None,
     tolerance: float = math.inf,
     step: Callable[[float], None] = lambda fraction: None,
 ) -> AgedTexels:
     """Texels `initial` [n, C] with their histories under `change`.
 
-    onset, rate: as in `Change.aged`
+    onset, rate, residues: as in `Change.aged`
     tolerance: dB that a checked palette is to reach against texels modelled and fitted each for
         itself. Where estimates miss it they are replaced by fits, and where the palette does its
         cells are halved as long as that helps; what is still missing is told to `change.warn`.
@@ -134,7 +139,7 @@ def model_texels(
         found = _Modelled(palette, rollouts.quick(palette.entries))
         if effort.checked:
             found = _refined(found, initial, rollouts, tolerance)
-    return change.aged(initial, found.palette, found.histories, onset, rate)
+    return change.aged(initial, found.palette, found.histories, onset, rate, residues)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,15 +11,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..channels import clip_planes
-from ..maps import Pixels
+from ..channels import ALPHA, ROUGHNESS_MIN, clip_planes
+from ..maps import Halves, Pixels
 from .palette import Palette
+from .residues import HEIGHT_PLACE, Residues
 from .rollout import Histories
 
 __all__ = ("AgedBand", "AgedTexels", "anchored")
 
 _BAND = 1 << 15
 """Texels worked on at a time where nobody asks for other bands: they stay in the cache."""
+
+_FINE = 64  # steps from an age to the next at which residues are looked up
 
 
 def anchored(histories: Tensor, initial: Tensor, gain: Tensor) -> Tensor:
@@ -43,9 +47,10 @@ class AgedTexels:
     gain: [T, C] how much of a small initial difference is left at each age (the affine rung's)
     onset: [n] the time at which each texel's history starts, or None: all at 0
     rate: [n] how fast it then runs, at most 1, or None: 1
+    residues: what it shows beyond its history, or None
 
     A texel of age a = rate max(0, time - onset) is x(a), its entry's history `anchored` to what it
-    was. Before its onset a texel is the input to the bit.
+    was, and its residues. Before its onset a texel is the input to the bit.
     """
 
     initial: Tensor
@@ -54,6 +59,7 @@ class AgedTexels:
     gain: Tensor
     onset: Tensor | None
     rate: Tensor | None = None
+    residues: Residues | None = None
 
     def at(self, time: float) -> Tensor:
         """States [n, C] at `time` in 0..1."""
@@ -66,6 +72,20 @@ class AgedTexels:
                 states[:, rows] = torch.from_numpy(band.at(time))
         return states.T
 
+    def heights(self, time: float) -> Tensor:
+        """Heights [n] at `time` in 0..1, in sides of the grain's tile."""
+        heights = torch.zeros(len(self.initial))
+        for start in range(0, len(self.initial), _BAND):
+            band = self.band(start, start + _BAND)
+            rows = torch.from_numpy(start + band.order[: band.started(time)])
+            heights[rows] = torch.from_numpy(band.heights(time))
+        return heights
+
+    @property
+    def residue_count(self) -> int:
+        """How many coefficients a texel's residues have."""
+        return 0 if self.residues is None else len(self.residues.shapes)
+
     def averaged(self, ages: Tensor) -> AgedTexels:
         """Texels that show the mean over a source's timing instead of a time of their own.
 
@@ -75,7 +95,8 @@ class AgedTexels:
         assert self.onset is None and self.rate is None
         states = torch.einsum("ta,pac->ptc", ages, self.histories.states)
         histories = replace(self.histories, states=states)
-        return replace(self, histories=histories, gain=ages @ self.gain)
+        residues = None if self.residues is None else self.residues.averaged(ages)
+        return replace(self, histories=histories, gain=ages @ self.gain, residues=residues)
 
     def select(self, rows: Tensor) -> AgedTexels:
         """Only the texels `rows`."""
@@ -85,6 +106,7 @@ class AgedTexels:
             palette=replace(self.palette, index=self.palette.index[rows]),
             onset=None if self.onset is None else self.onset[rows],
             rate=None if self.rate is None else self.rate[rows],
+            residues=None if self.residues is None else self.residues.select(rows),
         )
 
     def band(self, start: int, stop: int) -> AgedBand:
@@ -95,18 +117,22 @@ class AgedTexels:
         onset, rate = (np.broadcast_to(each, len(initial)) for each in (onset, rate))
         order = np.argsort(onset, kind="stable")
         entry = self.palette.index[start:stop].numpy()
+        own = None
+        if self.residues is not None and self.residue_count:
+            own = self.residues.coefficients[:, start:stop].numpy().take(order, 1)
         return AgedBand(
             order,
             initial.T.take(order, 1),
             (entry * self._timelines.ages).astype(np.int32)[order],
             onset[order],
             rate[order],
+            own,
             self._timelines,
         )
 
     @cached_property
     def _timelines(self) -> _Timelines:
-        return _Timelines.of(self.histories.states, self.gain)
+        return _Timelines.of(self.histories.states, self.gain, self.residues)
 
 
 @dataclass(frozen=True)
@@ -116,18 +142,26 @@ class _Timelines:
     own:  [C, P ages] P(a) - g(a) P(0), one entry after the other
     gain: [C, ages]
     ages: ages of an entry: the T modelled ones, and the last again to interpolate with
+    shapes: [R, C + 1, fine ages] of residues, and height [fine ages]; None without any
     """
 
     own: Pixels
     gain: Pixels
     ages: int
+    shapes: Pixels | None
+    height: Pixels | None
 
     @classmethod
-    def of(cls, states: Tensor, gain: Tensor) -> _Timelines:
+    def of(cls, states: Tensor, gain: Tensor, residues: Residues | None) -> _Timelines:
         own = states - gain * states[:, :1]
         own, gain = (torch.cat((each, each[..., -1:, :]), -2) for each in (own, gain))
         columns = own.flatten(0, 1).T.contiguous(), gain.T.contiguous()
-        return cls(columns[0].numpy(), columns[1].numpy(), len(gain))
+        shapes, height = None, None
+        if residues is not None:
+            ages = torch.linspace(0, 1, (len(gain) - 2) * _FINE + 1)
+            shapes = residues.shapes_at(ages).transpose(1, 2).contiguous().numpy()
+            height = residues.height_at(ages).numpy()
+        return cls(columns[0].numpy(), columns[1].numpy(), len(gain), shapes, height)
 
 
 @dataclass(frozen=True)
@@ -138,6 +172,7 @@ class AgedBand:
     initial: [C, m] at t = 0
     first:   [m] where in the timelines their entry's age 0 stands
     onset, rate: [m]
+    residues: [R, m] their coefficients, halves; None without any
     """
 
     order: NDArray[np.intp]
@@ -145,6 +180,7 @@ class AgedBand:
     first: NDArray[np.int32]
     onset: Pixels
     rate: Pixels
+    residues: Halves | None
     timelines: _Timelines
 
     def started(self, time: float) -> int:
@@ -153,9 +189,8 @@ class AgedBand:
 
     def at(self, time: float) -> Pixels:
         """States [C, k] at `time` of the k texels that have started."""
-        k = self.started(time)
-        place = (np.float32(time) - self.onset[:k]) * np.float32(self.timelines.ages - 2)
-        place *= self.rate[:k]
+        place = self._place(time)
+        k = len(place)
         floor = np.floor(place)
         share = place - floor
         age = floor.astype(np.intp)
@@ -167,7 +202,54 @@ class AgedBand:
             np.multiply(_between(gain, age, share), initial[:k], out=result)
             result += _between(own, cell, share)
         clip_planes(state)
+        if self.residues is not None:
+            self._add_residues(state, place)
         return state
+
+    def heights(self, time: float) -> Pixels:
+        """Heights [k], likewise."""
+        place = self._place(time)
+        if self.timelines.height is None:
+            return np.zeros(len(place), np.float32)
+        age = _fine_age(place)
+        heights = self.timelines.height.take(age, mode="clip")
+        for own, shapes in self._own(len(age)):
+            heights += shapes[HEIGHT_PLACE].take(age, mode="clip") * own
+        return heights
+
+    def _place(self, time: float) -> Pixels:
+        """How many modelled ages have passed, and which part of the next, [k]."""
+        k = self.started(time)
+        place = (np.float32(time) - self.onset[:k]) * np.float32(self.timelines.ages - 2)
+        place *= self.rate[:k]
+        return place
+
+    def _add_residues(self, state: Pixels, place: Pixels) -> None:
+        """Add them to `state` [C, k], in place; where they add to alpha they do to its root."""
+        age = _fine_age(place)
+        r = state[ALPHA.start]
+        np.sqrt(r, out=r)
+        for own, shapes in self._own(len(age)):
+            for plane, shape in zip(state, shapes[:HEIGHT_PLACE], strict=True):
+                if shape.any():
+                    added = shape.take(age, mode="clip")
+                    added *= own
+                    plane += added
+        np.square(r.clip(ROUGHNESS_MIN, 1), out=r)
+        clip_planes(state)
+
+    def _own(self, k: int) -> Iterator[tuple[Pixels, Pixels]]:
+        """Each coefficient of the first k texels, [k], and what it is multiplied by, [C + 1, fine
+        ages].
+        """
+        if self.residues is not None and self.timelines.shapes is not None:
+            for own, shapes in zip(self.residues, self.timelines.shapes, strict=True):
+                yield own[:k].astype(np.float32), shapes
+
+
+def _fine_age(place: Pixels) -> NDArray[np.int32]:
+    """Where in fine curves a place between modelled ages is."""
+    return np.rint(place * np.float32(_FINE)).astype(np.int32)
 
 
 def _between(line: Pixels, index: NDArray[np.intp], share: Pixels) -> Pixels:

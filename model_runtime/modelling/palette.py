@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -135,18 +135,20 @@ class Stored:
     mix: tuple[tuple[tuple[int, float], ...], ...]
 
 
-def stored_frames(sample: Tensor, tolerance: float) -> Stored:
+def stored_frames(
+    sample: Tensor, tolerance: float, seen_as: Callable[[Tensor], Tensor] = torch.sqrt
+) -> Stored:
     """Choose the frames from which all others follow by linear interpolation.
 
-    `sample` [T, n, ...], not negative, holds one map at n texels; from each stored frame the next
-    one is the farthest such that the square roots of the interpolated frames between, which is
-    about how the eye sees them, have a PSNR (peak 1) of at least `tolerance` dB. A map that never
-    changes keeps one frame.
+    `sample` [T, n, ...] holds one map at n texels; from each stored frame the next one is the
+    farthest such that the interpolated frames between, `seen_as` what shows of them, have a PSNR
+    (peak 1) of at least `tolerance` dB. Of reflectances, which are not negative, the square roots
+    are about what the eye sees. A map that never changes keeps one frame.
     """
     last = len(sample) - 1
     if bool((sample == sample[0]).all()):
         return Stored((0,), (((0, 1.0),),) * (last + 1))
-    seen = sample.sqrt()
+    seen = seen_as(sample)
 
     def good(start: int, end: int) -> bool:
         if end - start < 2:
@@ -154,7 +156,7 @@ def stored_frames(sample: Tensor, tolerance: float) -> Stored:
         share = torch.linspace(0, 1, end - start + 1)[1:-1]
         share = share.reshape(-1, *[1] * (sample.ndim - 1))
         between = torch.lerp(sample[start][None], sample[end][None], share)
-        error = (seen[start + 1 : end] - between.sqrt()).square().flatten(1).mean(1).max()
+        error = (seen[start + 1 : end] - seen_as(between)).square().flatten(1).mean(1).max()
         return float(error) <= 10 ** (-tolerance / 10)
 
     kept = [0]

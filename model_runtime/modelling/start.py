@@ -22,10 +22,12 @@ from ..representation import load_representation
 from ..representation.estimator import ParameterEstimator, load_estimator
 from ..representation.latents import Representation
 from ..run import Run
+from ..surface.atlas import Atlas
 from ..surface.exposure import Exposure
 from ..surface.maps import read_surface, surface_files
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course, course_of
+from .residues import Laid, lay
 from .texels import Texels, exposure_of, grown_timing, initial_states, timing_maps
 
 __all__ = ("Models", "Start", "read_start", "wear_of")
@@ -60,6 +62,7 @@ class Start:
     hashes: of the files that were read, as `aged.json` has them
     apart: onset and rate [H, W] of a layout of their own, where `texels` all begin at once
     course: of what has begun already, where anything has
+    laid: what texels show beyond their histories
     grown: what `aged.json` says of wear that was there and of the surface that the ageing grew on
     """
 
@@ -74,6 +77,7 @@ class Start:
     hashes: dict[str, Any]
     apart: tuple[Pixels, Pixels] | None
     course: Course | None
+    laid: Laid
     grown: dict[str, Any]
 
     @property
@@ -95,25 +99,35 @@ def read_start(run: Run) -> Start:
         initial, size, fit_error = initial_states(material, request)
     with run.timed("onset"):
         exposure = exposure_of(request, models.ntm)
+        atlas = _read_surface(run, models.ntm, hashes)
         course, worn = None, None
         if exposure.wear > 0 and not isinstance(material, MeasuredBRDF):
             course, worn = wear_of(models.ntm, initial, size)
         apart = None
-        if request.timing_apart and size != (1, 1):
-            onset, rate, grown = _timing(run, models.ntm, (1, 1), exposure, None, hashes)
+        repeats = request.timing_apart and size != (1, 1)
+        if repeats:
+            onset, rate, grown = _timing(run, models.ntm, (1, 1), exposure, None, atlas)
             if onset is not None and rate is not None:
                 apart, onset, rate = (onset, rate), np.zeros(size, np.float32), None
         else:
-            onset, rate, grown = _timing(run, models.ntm, size, exposure, worn, hashes)
-    if onset is not None and size == (1, 1):
-        size = onset.shape[0], onset.shape[1]
-        initial = initial.expand(size[0] * size[1], -1)
+            onset, rate, grown = _timing(run, models.ntm, size, exposure, worn, atlas)
+        if onset is not None and size == (1, 1):
+            size = onset.shape[0], onset.shape[1]
+            initial = initial.expand(size[0] * size[1], -1)
+        laid = lay(
+            models.ntm,
+            request,
+            size,
+            atlas=None if repeats else atlas,
+            course=course,
+            initial=initial,
+        )
     own = PRINCIPLED if isinstance(material, PrincipledMaps) else TORRANCE_SPARROW
     return Start(
         models,
         material,
         size,
-        Texels.of(initial, onset, rate),
+        Texels.of(initial, onset, rate, laid.residues),
         covered,
         format=request.format or own,
         may_be_live=request.binding != FRAMES and size != (1, 1),
@@ -121,6 +135,7 @@ def read_start(run: Run) -> Start:
         hashes=hashes,
         apart=apart,
         course=course,
+        laid=laid,
         grown=grown if worn is None else {"worn": round(float(worn.mean()), 4), **grown},
     )
 
@@ -145,23 +160,36 @@ def _timing(
     size: tuple[int, int],
     exposure: Exposure,
     worn: NDArray[np.bool_] | None,
-    hashes: dict[str, Any],
+    atlas: Atlas | None,
 ) -> tuple[Pixels | None, Pixels | None, dict[str, Any]]:
     """When and how fast texels age, [H, W] each, and what `aged.json` says of their surface."""
     request = run.request
-    folder = request.surface or request.input
-    grows = request.onset == AUTO and not ntm.changes_at_once
-    files = surface_files(folder) if grows and (request.surface or folder.is_dir()) else {}
-    if not files and not (request.surface and grows):
+    if atlas is None or not _grows(run, ntm):
         if request.exposure or request.pattern_size or request.amount < 1:
             run.warn(_NO_SURFACE)
         return *timing_maps(request, ntm, size, worn), {}
-    with _unchanged(*files.values()):
-        atlas = read_surface(folder)
-        hashes["surface"] = {file.name: hash_file(file) for file in files.values()}
     found = grown_timing(request, ntm, size, atlas, exposure, worn)
     account = {"seam_ratio": found.seam_ratio, "surface": found.account}
     return found.onset, found.rate, account
+
+
+def _grows(run: Run, ntm: NeuralTemporalModel) -> bool:
+    """Whether it is for this program to say when texels start."""
+    return run.request.onset == AUTO and not ntm.changes_at_once
+
+
+def _read_surface(run: Run, ntm: NeuralTemporalModel, hashes: dict[str, Any]) -> Atlas | None:
+    """The surface, where there is one that anything grows on or is laid on."""
+    folder = run.request.surface or run.request.input
+    needed = _grows(run, ntm)
+    wanted = needed or ntm.grain is not None or ntm.height is not None
+    files = surface_files(folder) if wanted and (run.request.surface or folder.is_dir()) else {}
+    if not files and not (run.request.surface and needed):
+        return None
+    with _unchanged(*files.values()):
+        atlas = read_surface(folder)
+        hashes["surface"] = {file.name: hash_file(file) for file in files.values()}
+    return atlas
 
 
 def _read_models(run: Run) -> tuple[Models, dict[str, Any]]:

@@ -27,6 +27,7 @@ from ..surface.timing import SurfaceTiming, surface_timing
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
 from .compose import AgedTexels
+from .residues import Residues
 from .rollout import fit_measured
 
 __all__ = (
@@ -56,20 +57,29 @@ def initial_states(
 
 @dataclass(frozen=True)
 class Texels:
-    """Initial states [n, C], and when [n] and how fast [n] they age, row by row of the image."""
+    """Initial states [n, C], when [n] and how fast [n] they age, and what they show beyond their
+    histories, row by row of the image.
+    """
 
     initial: Tensor
     onset: Tensor | None
     rate: Tensor | None
+    residues: Residues | None = None
 
     @classmethod
-    def of(cls, initial: Tensor, onset: Pixels | None, rate: Pixels | None) -> Texels:
+    def of(
+        cls,
+        initial: Tensor,
+        onset: Pixels | None,
+        rate: Pixels | None,
+        residues: Residues | None = None,
+    ) -> Texels:
         """From states and the maps [H, W] of `timing_maps`."""
-        flat = (
+        when, how_fast = (
             None if pixels is None else torch.from_numpy(pixels.reshape(-1))
             for pixels in (onset, rate)
         )
-        return cls(initial, *flat)
+        return cls(initial, when, how_fast, residues)
 
     def where(self, covered: NDArray[np.bool_]) -> Texels:
         """Those that are `covered` [H, W]."""
@@ -78,6 +88,7 @@ class Texels:
             self.initial.T[:, rows].T,
             None if self.onset is None else self.onset[rows],
             None if self.rate is None else self.rate[rows],
+            None if self.residues is None else self.residues.select(rows),
         )
 
     def beside(self, aged: AgedTexels, covered: NDArray[np.bool_]) -> AgedTexels:
@@ -85,8 +96,16 @@ class Texels:
         place = np.cumsum(covered) - 1
         rows = torch.from_numpy(place[nearest_covered(covered).reshape(-1)])
         palette = replace(aged.palette, index=aged.palette.index[rows])
+        residues = aged.residues
+        if residues is not None and self.residues is not None:
+            residues = replace(residues, coefficients=self.residues.coefficients)
         return replace(
-            aged, initial=self.initial, palette=palette, onset=self.onset, rate=self.rate
+            aged,
+            initial=self.initial,
+            palette=palette,
+            onset=self.onset,
+            rate=self.rate,
+            residues=residues,
         )
 
 

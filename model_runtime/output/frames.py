@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..brdf import principled
-from ..contract import FORMATS, PRINCIPLED, PRINCIPLED_EXACT, TORRANCE_SPARROW, Format, frame_file
+from ..contract import (
+    FORMATS,
+    HEIGHT,
+    PRINCIPLED,
+    PRINCIPLED_EXACT,
+    TORRANCE_SPARROW,
+    Format,
+    frame_file,
+)
 from ..maps import Halves, Pixels, PrincipledMaps, TorranceSparrowMaps
 from ..modelling.compose import AgedBand, AgedTexels
 from ..modelling.palette import Stored, stored_frames
@@ -48,7 +56,8 @@ class _Band:
 
 @dataclass(frozen=True)
 class FrameMaps:
-    """Turns aged texels into the maps that `format` names, at any time.
+    """Turns aged texels into the maps that `format` names, and that of their heights where these
+    change, at any time.
 
     `authored` [H, W] is what the artist gave, needed for "principled" alone.  Only texels that are
     `covered` [H, W], or all with None, are chosen to stand for all.
@@ -74,12 +83,15 @@ class FrameMaps:
         for band in self._bands:
             if band.texels.started(time):
                 self._fill(planes, band, band.texels.at(time))
+                if self._raises:
+                    heights = torch.from_numpy(band.texels.heights(time)).half()
+                    planes[-1, band.place].index_copy_(0, band.order[: len(heights)], heights)
         return planes
 
     def named(self, planes: Tensor) -> dict[str, Halves]:
         """Views of `planes` as maps: name -> [H, W, 3] or [H, W]."""
         maps, start = {}, 0
-        for name, channels in FORMATS[self.format].items():
+        for name, channels in self._channels.items():
             pixels = planes[start : start + channels].numpy().reshape(channels, *self.size)
             maps[name] = pixels[0] if channels == 1 else np.moveaxis(pixels, 0, -1)
             start += channels
@@ -113,6 +125,15 @@ class FrameMaps:
         aged = self.aged.select(torch.from_numpy(rows))
         return FrameMaps(aged, (len(rows), 1), self.format, authored)
 
+    @property
+    def _raises(self) -> bool:
+        return self.aged.residues is not None and self.aged.residues.raises
+
+    @property
+    def _channels(self) -> dict[str, int]:
+        """How many channels each map has, in order."""
+        return {**FORMATS[self.format], **({HEIGHT: 1} if self._raises else {})}
+
     @cached_property
     def _bands(self) -> list[_Band]:
         return list(self._cut())
@@ -135,8 +156,8 @@ class FrameMaps:
     @cached_property
     def _first(self) -> Tensor:
         """Frame 1: every channel of every map, one after the other, [C, H W] halves."""
-        channels = sum(FORMATS[self.format].values())
-        planes = torch.empty(channels, self.size[0] * self.size[1], dtype=torch.half)
+        channels = sum(self._channels.values())
+        planes = torch.zeros(channels, self.size[0] * self.size[1], dtype=torch.half)
         for band in self._bands:
             self._fill(planes, band, band.texels.initial)
         return planes
@@ -232,17 +253,31 @@ def maps_of(
 
 
 def write_frames(
-    frames: Frames, staged: StagedResult, progress: Callable[[float], None]
+    frames: Frames,
+    staged: StagedResult,
+    progress: Callable[[float], None],
+    *,
+    unit: float = 1.0,
 ) -> dict[str, list[str]]:
-    """Write every map of every frame; returns the files of each map, in order."""
+    """Write every map of every frame; returns the files of each map, in order.
+
+    Heights are multiplied by their `unit`.
+    """
     files: dict[str, list[str]] = {}
     count = len(frames.times)
     for k in range(count):
         for name, pixels in frames.at(k).items():
             files.setdefault(name, []).append(frame_file(name, k))
-            staged.write(frame_file(name, k), pixels)
+            _write(staged, name, k, pixels, unit)
         progress((k + 1) / count)
     return files
+
+
+def _write(staged: StagedResult, name: str, k: int, pixels: Halves, unit: float) -> None:
+    if name == HEIGHT:  # of a can so little that halves would not tell it from nothing
+        staged.write(frame_file(name, k), pixels.astype(np.float32) * unit, depth="single")
+    else:
+        staged.write(frame_file(name, k), pixels)
 
 
 def write_stored_frames(
@@ -252,6 +287,7 @@ def write_stored_frames(
     *,
     tolerance: float,
     seed: int,
+    unit: float = 1.0,
 ) -> dict[str, list[Mix]]:
     """Write only the frames that others do not make up; returns, per map and frame, what makes it.
 
@@ -262,23 +298,29 @@ def write_stored_frames(
     count = len(frames.times)
     sample = frames.sampled(seed)
     looks = [sample.at(k) for k in range(count)]
-    stored: dict[str, Stored] = {
-        name: stored_frames(
-            torch.from_numpy(np.stack([look[name] for look in looks])).float(), tolerance
-        )
-        for name in looks[0]
-    }
+    stored = {name: _stored(name, [look[name] for look in looks], tolerance) for name in looks[0]}
     for k in range(count):
         wanted = [name for name in stored if k in stored[name].frames]
         if wanted:
             frame = frames.at(k)
             for name in wanted:
-                staged.write(frame_file(name, k), frame[name])
+                _write(staged, name, k, frame[name], unit)
         progress((k + 1) / count)
     return {
         name: [[[frame_file(name, k), weight] for k, weight in mix] for mix in kept.mix]
         for name, kept in stored.items()
     }
+
+
+def _stored(name: str, looks: Sequence[Halves], tolerance: float) -> Stored:
+    """Which frames of a map to keep, of which these are samples."""
+    sample = torch.from_numpy(np.stack(looks)).float()
+    if name != HEIGHT:
+        return stored_frames(sample, tolerance)
+    range_ = sample.aminmax()
+    return stored_frames(
+        sample / (range_.max - range_.min).clamp_min(1e-12), tolerance, seen_as=lambda each: each
+    )
 
 
 def _most_changed(first: Mapping[str, Halves], last: Mapping[str, Halves]) -> list[int]:
@@ -288,12 +330,15 @@ def _most_changed(first: Mapping[str, Halves], last: Mapping[str, Halves]) -> li
     return [int(each.reshape(*each.shape[:2], -1).max(-1).argmax()) for each in changes]
 
 
-def file_names(format: Format, frames: int) -> list[str]:
-    """Every file that a run in `format` may write ("principled-exact" may turn out otherwise)."""
+def file_names(format: Format, frames: int, *, heights: bool) -> list[str]:
+    """Every file that a run in `format` may write ("principled-exact" may turn out otherwise), with
+    `heights` those too.
+    """
     formats: tuple[Format, ...] = (format,)
     if format == PRINCIPLED_EXACT:
         formats = (format, TORRANCE_SPARROW)
     maps = dict.fromkeys(name for each in formats for name in FORMATS[each])
+    maps |= {HEIGHT: None} if heights else {}
     return [frame_file(name, k) for name in maps for k in range(frames)]
 
 

@@ -125,7 +125,8 @@ def in_tile(example: Example, size: tuple[int, int], share: float, seed: int) ->
             (right[row, column + rows // 2], below[row, column + rows // 2], weight)
             for row, column, weight in corners
         ]
-        gaussian = lookup.blended(*np.broadcast_arrays(x[None, :], y[some, None]), seen)
+        across_tile, down_tile = np.broadcast_arrays(x[None, :], y[some, None])
+        gaussian = lookup.blended(across_tile, down_tile, seen)
         place = slice(part.start * width, part.stop * width)
         lookup.put([each.reshape(-1) for each in gaussian], values[:, place])
 
@@ -181,11 +182,13 @@ def _on_plane(lookup: Lookup, x: Array, y: Array, moved: Whole) -> list[Array]:
     for row, column, weight in _corners(x * _EDGES, y * np.float32(_EDGES * 2 / np.sqrt(3))):
         vertex = ((row & mask) * _PERIOD) + (column & mask)
         seen.append((right.take(vertex), below.take(vertex), weight))
-    whole = []
-    for each in (x, y):
-        each = (each - np.floor(each)) * lookup.side
-        whole.append(np.minimum(each.astype(np.uint32), np.uint32(lookup.side - 1)))
-    return lookup.blended(*whole, seen)
+    return lookup.blended(_texel(x, lookup.side), _texel(y, lookup.side), seen)
+
+
+def _texel(place: Array, side: int) -> Whole:
+    """The texel of a tile of `side` at places in its sides."""
+    texel = ((place - np.floor(place)) * side).astype(np.uint32)
+    return np.minimum(texel, np.uint32(side - 1))  # just below 1 may be rounded up
 
 
 def _corners(across: Array, down: Array) -> Iterator[tuple[Index, Index, Array]]:

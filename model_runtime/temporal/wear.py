@@ -53,6 +53,10 @@ class Course:
         age, share = self._place_of(parameters)
         return age * (share > 0.5)
 
+    def share_of(self, parameters: Tensor) -> Tensor:
+        """[n]: how far, 0 to 1, texels `parameters` [n, C] are on the course."""
+        return self._place_of(parameters)[1]
+
     def _place_of(self, parameters: Tensor) -> tuple[Tensor, Tensor]:
         """[n] each: the age of what is nearest on the course, and how far, 0 to 1, they are on it:
         by degrees, so that texels which nearly look alike age alike.

@@ -1,0 +1,53 @@
+"""Grain on a surface: laid by where its texels lie in space, so that it goes on across seams."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..temporal.grain import COMPONENTS, Grain
+from ..temporal.processes import growth_of
+from .atlas import Atlas
+from .growth import usual_unit
+
+__all__ = ("lay_grain", "tile_side")
+
+_CHUNK = 1 << 18  # texels of a step
+
+
+def tile_side(
+    atlas: Atlas, process: str, share: float, *, pattern_size: float | None = None
+) -> float:
+    """Meters: the side of a tile that covers a `share` of a material tile's.
+
+    A material tile is what `process` calls one: the square that has the surface's area, a little
+    less, so that a can and a monkey show as many spots, and spots as many grains. A `pattern_size`
+    of an artist's makes both finer, but none coarser: a few huge patches are no closer look.
+    """
+    unit = usual_unit(float(atlas.area.sum(dtype=np.float64)))
+    if pattern_size is not None:
+        unit = min(unit, pattern_size / growth_of(process, None).scale)
+    return share * unit
+
+
+def lay_grain(
+    grain: Grain, atlas: Atlas, size: tuple[int, int], *, side: float, seed: int
+) -> NDArray[np.float16]:
+    """Components [3, H W] of a map of `size` of the surface that `atlas` shows, where the grain's
+    tile has a `side` in meters; what no face covers has those of the nearest texel.
+    """
+    covered = atlas.covered_at(size)
+    texel = atlas.spacing_at(size)
+    normal = atlas.normal.reshape(-1, 3)
+    components = np.zeros((COMPONENTS, covered.size), np.float16)
+    step = max(1, _CHUNK // size[1])
+    chunks = [range(row, min(row + step, size[0])) for row in range(0, size[0], step)]
+    for rows in chunks:
+        places = atlas.places(covered, rows)
+        facing = normal.take(places.baked, 0)
+        found = grain.on_surface(places.position, facing, side, seed, texel=texel)
+        components[:, places.texel] = found.T
+    for rows in chunks:
+        beside, source = atlas.beside(covered, rows)
+        components[:, beside] = components[:, source]
+    return components
