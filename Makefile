@@ -5,6 +5,14 @@ PYTHON ?= python3.11
 PYTHONS ?= 3.11 3.13
 # Where PyTorch's CPU build is taken from when pip finds it nowhere else.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+# What the zip is for: linux-x64, macos-arm64 or windows-x64, built on any of them.
+ifeq ($(OS),Windows_NT)
+HERE := windows-x64
+else
+HERE := $(if $(filter Darwin,$(shell uname -s)),macos-arm64,linux-x64)
+endif
+PLATFORM ?= $(HERE)
+PLATFORMS = linux-x64 macos-arm64 windows-x64
 # Folder of wheels to pack, or none.
 WHEELS ?= build/wheels
 # Blender versions that `make test-blenders` tries besides the one in requirements-blender.txt.
@@ -15,15 +23,16 @@ PYTEST_ARGS ?=
 export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1
 
 PIP_INSTALL = -m pip install --quiet --disable-pip-version-check
-READY = .venv/ready .venv-blender/ready build/wheels/ready
+READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects extension wheels test test-blenders types format clean
+.PHONY: help demo objects extension extensions wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
 	@echo "make objects        age five objects by every model, into out/objects.jpg"
-	@echo "make extension      build the zip to install in Blender (WHEELS=none: without torch)"
+	@echo "make extension      build the zip to install in Blender, for PLATFORM (WHEELS=none: without torch)"
+	@echo "make extensions     build that of each platform: $(PLATFORMS)"
 	@echo "make test           lint, types and every test, in real Blender too"
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
 	@echo "make format         put the code in order"
@@ -41,10 +50,14 @@ objects: $(READY)
 	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
 	    .venv-blender/bin/python tests/demo/weathered_objects.py "$$extension" out/objects.jpg
 
-extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/ready)
-	@.venv/bin/python .ci/extension.py build --wheels "$(WHEELS)" --output build
+extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/$(PLATFORM)/ready)
+	@.venv/bin/python .ci/extension.py build --platform $(PLATFORM) --wheels "$(WHEELS)" --output build
 
-wheels: build/wheels/ready
+extensions: .venv/ready $(PLATFORMS:%=build/wheels/%/ready)
+	@for platform in $(PLATFORMS); do .venv/bin/python .ci/extension.py build \
+	    --platform $$platform --wheels build/wheels --output build || exit; done
+
+wheels: build/wheels/$(PLATFORM)/ready
 
 test: $(READY)
 	.venv/bin/python -m ruff check .
@@ -71,13 +84,13 @@ clean:
 	.ci/system-libraries "$(PYTHON)"
 	"$(PYTHON)" -m venv .venv
 
-build/wheels/ready: requirements-runtime.txt | .venv/bin/python
-	.venv/bin/python .ci/extension.py wheels --output build/wheels \
+build/wheels/%/ready: requirements-runtime.txt | .venv/bin/python
+	.venv/bin/python .ci/extension.py wheels --platform $* --output build/wheels \
 	    --torch-index "$(TORCH_INDEX)" $(foreach version,$(PYTHONS),--python $(version))
 	@touch $@
 
-.venv/ready: requirements.txt requirements-runtime.txt requirements-blender.txt build/wheels/ready
-	.venv/bin/python $(PIP_INSTALL) --find-links build/wheels/3.11 --requirement requirements.txt
+.venv/ready: requirements.txt requirements-runtime.txt requirements-blender.txt build/wheels/$(HERE)/ready
+	.venv/bin/python $(PIP_INSTALL) --find-links build/wheels/$(HERE)/3.11 --requirement requirements.txt
 	@touch $@
 
 .venv-blender/ready: requirements-blender.txt | .venv/bin/python

@@ -1,15 +1,16 @@
 """Builds the extension's zip with Blender's own builder, from this working tree and pinned wheels.
 
-    python .ci/extension.py wheels --output build/wheels --python 3.11 --python 3.13
-    python .ci/extension.py build --wheels build/wheels --output build
+    python .ci/extension.py wheels --platform linux-x64 --output build/wheels --python 3.11
+    python .ci/extension.py build --platform linux-x64 --wheels build/wheels --output build
 
-`wheels` collects the wheels that `requirements-runtime.txt` pins, one folder a Python version, and
-asks no registry for what it has already.  torch is PyTorch's CPU build, taken from wherever pip
-looks, and from `--torch-index` where pip finds it nowhere else.  The first Python is required; the
-others are left out, with a warning, where a wheel does not exist for them.
+`wheels` collects the wheels that `requirements-runtime.txt` pins for a platform, any from any, one
+folder a Python version, and asks no registry for what it has already.  torch is PyTorch's CPU
+build, taken from wherever pip looks, and from `--torch-index` where pip finds it nowhere else.  The
+first Python is required; the others are left out, with a warning, where a wheel does not exist for
+them.
 
-`build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION.zip`, validates
-it and prints its path.  It does nothing while the zip is that of the same content.
+`build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION-PLATFORM.zip`,
+validates it and prints its path.  It does nothing while the zip is that of the same content.
 
 Runs on the standard library and the Blender module of the environment that runs it.
 """
@@ -17,7 +18,6 @@ Runs on the standard library and the Blender module of the environment that runs
 from __future__ import annotations
 
 import argparse
-import fcntl
 import hashlib
 import json
 import shutil
@@ -27,7 +27,6 @@ import sysconfig
 import tempfile
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,37 +41,37 @@ PACKED = (
 )
 TORCH_INDEX = "https://download.pytorch.org/whl/cpu"
 
-# Blender's name of the platform, and the tags that its wheels may carry.
-PLATFORMS = {
-    "linux-x86_64": ("linux-x64", ("manylinux_2_28_x86_64", "manylinux2014_x86_64")),
-    "macosx-arm64": ("macos-arm64", ("macosx_11_0_arm64",)),
-    "win-amd64": ("windows-x64", ("win_amd64",)),
+# Tags that wheels of a platform, by Blender's name, may carry; and its build of torch without CUDA,
+# which the plain one brings gigabytes of on Linux alone.
+TAGS = {
+    "linux-x64": ("manylinux_2_28_x86_64", "manylinux2014_x86_64"),
+    "macos-arm64": ("macosx_14_0_arm64",),
+    "windows-x64": ("win_amd64",),
 }
+TORCH_BUILD = {"linux-x64": "+cpu"}
 
 
-def platform() -> tuple[str, tuple[str, ...]]:
-    """Blender's name of this machine's platform, and the tags of wheels that run on it."""
-    ours = sysconfig.get_platform()
-    for name, known in PLATFORMS.items():
-        system, machine = name.split("-")
-        if ours.startswith(system) and ours.endswith(machine):
-            return known
-    raise SystemExit(f"No wheels are known for {ours}; build with WHEELS=none.")
+def here() -> str | None:
+    """Blender's name of this machine's platform, or None where no wheels are known for it."""
+    ours = sysconfig.get_platform()  # such as macosx-14.0-arm64
+    known = {"linux-x86_64": "linux-x64", "win-amd64": "windows-x64"}
+    if ours.startswith("macosx") and ours.endswith("arm64"):
+        return "macos-arm64"
+    return known.get(ours)
 
 
-def download(*, python: str, folder: Path, torch_index: str) -> str:
+def download(*, platform: str, python: str, folder: Path, torch_index: str) -> str:
     """Fill `folder` with the pinned wheels for one Python version; what is wrong, if anything."""
-    name, tags = platform()
+    build = TORCH_BUILD.get(platform, "")
     pins = PINS.read_text(encoding="utf-8").splitlines()
-    if not name.startswith("macos"):  # elsewhere the plain build brings gigabytes of CUDA
-        pins = [f"{pin}+cpu" if pin.startswith("torch==") else pin for pin in pins]
+    pins = [pin + build if pin.startswith("torch==") else pin for pin in pins]
     folder.mkdir(parents=True)
     wanted = folder / "pins.txt"
     wanted.write_text("\n".join(pins), encoding="utf-8")
     command = [
         *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--retries", "1"),
         *("--only-binary", ":all:", "--python-version", python, "--implementation", "cp"),
-        *(argument for tag in tags for argument in ("--platform", tag)),
+        *(argument for tag in TAGS[platform] for argument in ("--platform", tag)),
         *("--dest", str(folder), "--requirement", str(wanted)),
     ]
     error = ""
@@ -85,23 +84,26 @@ def download(*, python: str, folder: Path, torch_index: str) -> str:
     return error
 
 
-def collect_wheels(*, pythons: list[str], output: Path, torch_index: str) -> None:
-    """Make `output/PYTHON` hold the pinned wheels of every Python that has them."""
+def collect_wheels(*, platform: str, pythons: list[str], output: Path, torch_index: str) -> None:
+    """Make `output/PLATFORM/PYTHON` hold the pinned wheels of every Python that has them."""
     pinned = hashlib.sha256(PINS.read_bytes()).hexdigest()
     for python in pythons:
-        folder, stamp = output / python, output / python / "pins.sha256"
+        folder = output / platform / python
+        stamp = folder / "pins.sha256"
         if stamp.is_file() and stamp.read_text() == pinned:
             continue
         shutil.rmtree(folder, ignore_errors=True)
-        print(f"Collecting wheels for Python {python}", flush=True)
-        error = download(python=python, folder=folder, torch_index=torch_index)
+        print(f"Collecting wheels for {platform}, Python {python}", flush=True)
+        error = download(platform=platform, python=python, folder=folder, torch_index=torch_index)
         if not error:
             stamp.write_text(pinned)
             continue
         shutil.rmtree(folder)
         if python == pythons[0]:
-            raise SystemExit(f"{error}\nThe pinned wheels for Python {python} are not to be had.")
-        print(f"Not to be had: Blenders with Python {python} will refuse the zip.")
+            raise SystemExit(
+                f"{error}\nThe pinned wheels for {platform}, Python {python}, are not to be had."
+            )
+        print(f"Not to be had: Blenders with Python {python} on {platform} will refuse the zip.")
 
 
 def packed_files() -> Iterator[Path]:
@@ -126,7 +128,7 @@ def content_hash(wheels: list[Path]) -> str:
     return digest.hexdigest()
 
 
-def stage(folder: Path, wheels: list[Path]) -> None:
+def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
     """Copy the extension into `folder`, wheels and a manifest that lists them included."""
     for file in packed_files():
         target = folder / file.relative_to(ROOT)
@@ -136,9 +138,9 @@ def stage(folder: Path, wheels: list[Path]) -> None:
         return
     (folder / "wheels").mkdir()
     for wheel in wheels:
-        (folder / "wheels" / wheel.name).symlink_to(wheel)
+        shutil.copyfile(wheel, folder / "wheels" / wheel.name)
     added = {
-        "platforms": [platform()[0]],
+        "platforms": [platform],
         "wheels": [f"./wheels/{wheel.name}" for wheel in wheels],
     }
     manifest = folder / "blender_manifest.toml"
@@ -160,68 +162,63 @@ def blender_builder() -> Path:
     return found[-1]
 
 
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """One build at a time."""
-    with path.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
-
-
-def build(*, wheels_folder: Path | None, output: Path) -> Path:
+def build(*, platform: str, wheels_folder: Path | None, output: Path) -> Path:
     """Build and validate the zip in `output`, unless it is there already; its path."""
-    wheels = (
-        sorted({w.name: w for w in wheels_folder.glob("*/*.whl")}.values())
-        if (wheels_folder)
-        else []
-    )
-    if wheels_folder and not wheels:
-        raise SystemExit(f"{wheels_folder} holds no wheels; run `make wheels` first.")
+    wheels: list[Path] = []
+    if wheels_folder is not None:
+        found = (wheels_folder / platform).glob("*/*.whl")
+        wheels = sorted({wheel.name: wheel for wheel in found}.values())
+        if not wheels:
+            raise SystemExit(f"{wheels_folder} has no wheels for {platform}; run `make wheels`.")
     version = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))["version"]
-    suffix = "" if wheels else "-nowheels"
-    target = output / f"tvbrdf-{version}{suffix}.zip"
+    suffix = platform.replace("-", "_") if wheels else "nowheels"  # as Blender's builder does
+    target = output / f"tvbrdf-{version}-{suffix}.zip"
     stamp = target.with_suffix(".sha256")
     output.mkdir(parents=True, exist_ok=True)
-    with locked(target.with_suffix(".lock")):
-        digest = content_hash(wheels)
-        if target.is_file() and stamp.is_file() and stamp.read_text() == digest:
-            return target
-        with tempfile.TemporaryDirectory(dir=output) as scratch:
-            source, built = Path(scratch) / "source", Path(scratch) / target.name
-            stage(source, wheels)
-            builder = [sys.executable, str(blender_builder())]
-            for command in (
-                ["build", "--source-dir", str(source), "--output-filepath", str(built)],
-                ["validate", str(built)],
-            ):
-                run = subprocess.run([*builder, *command], capture_output=True, text=True)
-                if run.returncode != 0:
-                    raise SystemExit(f"blender_ext {command[0]}:\n{run.stdout}{run.stderr}")
-            built.replace(target)
-            stamp.write_text(digest)
+    digest = content_hash(wheels)
+    if target.is_file() and stamp.is_file() and stamp.read_text() == digest:
+        return target
+    with tempfile.TemporaryDirectory(dir=output) as scratch:
+        source, built = Path(scratch) / "source", Path(scratch) / target.name
+        stage(source, platform, wheels)
+        builder = [sys.executable, str(blender_builder())]
+        for command in (
+            ["build", "--source-dir", str(source), "--output-filepath", str(built)],
+            ["validate", str(built)],
+        ):
+            run = subprocess.run([*builder, *command], capture_output=True, text=True)
+            if run.returncode != 0:
+                raise SystemExit(f"blender_ext {command[0]}:\n{run.stdout}{run.stderr}")
+        built.replace(target)  # whole or not at all, should two build at once
+        stamp.write_text(digest)
     return target
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     commands = parser.add_subparsers(dest="command", required=True)
-    collecting = commands.add_parser("wheels")
-    collecting.add_argument("--output", type=Path, required=True)
+    collecting, building = commands.add_parser("wheels"), commands.add_parser("build")
+    for command in (collecting, building):
+        command.add_argument("--platform", choices=sorted(TAGS), default=here())
+        command.add_argument("--output", type=Path, required=True)
     collecting.add_argument("--python", action="append", required=True)
     collecting.add_argument("--torch-index", default=TORCH_INDEX)
-    building = commands.add_parser("build")
     building.add_argument("--wheels", required=True, help="a folder, or none")
-    building.add_argument("--output", type=Path, required=True)
     arguments = parser.parse_args()
+    if arguments.platform is None:
+        raise SystemExit("No wheels are known for this machine; name a --platform.")
     if arguments.command == "wheels":
         collect_wheels(
+            platform=arguments.platform,
             pythons=arguments.python,
             output=arguments.output.resolve(),
             torch_index=arguments.torch_index,
         )
         return
     wheels = None if arguments.wheels == "none" else Path(arguments.wheels).resolve()
-    zip_file = build(wheels_folder=wheels, output=arguments.output.resolve())
+    zip_file = build(
+        platform=arguments.platform, wheels_folder=wheels, output=arguments.output.resolve()
+    )
     print(zip_file)
     print(f"{zip_file.name}: {zip_file.stat().st_size / 1e6:.1f} MB", file=sys.stderr)
 

@@ -109,3 +109,19 @@ def test_the_add_on_takes_of_the_runtime_what_needs_no_library():
 def test_nor_does_the_add_on_itself():
     for name, packages in users_of("tvbrdf_addon").items():
         assert not packages & {*LIBRARIES, "training"}, name
+
+
+@pytest.mark.parametrize(
+    ("package", "before"),
+    [
+        ("model_runtime", ("torch", "OpenEXR", "safetensors.torch", "PIL.Image")),
+        ("tvbrdf.tvbrdf_addon", ("tests.conftest", "bpy")),
+    ],
+)
+def test_what_ships_is_imported_where_there_is_no_posix(
+    package: str, before: tuple[str, ...]
+) -> None:
+    command = [sys.executable, "-m", "tests.without_posix", package, *before, "numpy", "asyncio"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert int(run.stdout) > 50
