@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from model_runtime.surface.atlas import Atlas
 from model_runtime.surface.exposure import Exposure
 from model_runtime.surface.graph import join
 from model_runtime.surface.points import Points, sample
 from model_runtime.surface.runs import deposit
-from model_runtime.surface.timing import surface_timing
+from model_runtime.surface.timing import SurfaceTiming, surface_timing
+from model_runtime.temporal.processes import growth_of
 from tests.meshes import atlas_of, ball, quad
 
 BOLTS = (0.3, 0.7)
@@ -25,12 +27,12 @@ WALL = [
 def wall() -> tuple[Points, np.ndarray]:
     """The points of a wall with two bolts, and how much has settled on each."""
     points = sample(atlas_of(WALL, 512))
-    iron = np.zeros(len(points), np.float32)
+    arrival = np.ones(len(points), np.float32)
     for x in BOLTS:
-        iron[np.linalg.norm(points.position - (x, 0, 0.8), axis=-1) < 0.035] = 1
+        arrival[np.linalg.norm(points.position - (x, 0, 0.8), axis=-1) < 0.035] = 0
     sky = np.maximum(points.normal[:, 2], 0)
     rng = np.random.default_rng(0)
-    settled = deposit(points, join(points), susceptibility=iron, sky=sky, unit=1.0, rng=rng)
+    settled = deposit(points, join(points), arrival, sky=sky, unit=1.0, rng=rng).settled
     return points, settled
 
 
@@ -53,18 +55,52 @@ def test_a_stain_grows_thinner_on_its_way_down(wall):
     assert upper > 1.5 * lower
 
 
-def test_what_is_below_starts_earlier_where_runs_count():
+@pytest.fixture(scope="module")
+def concrete() -> Atlas:
+    """The same wall, where the bolts are of iron and the wall hardly rusts."""
     atlas = atlas_of(WALL, 256)
-    x, y, z = np.moveaxis(atlas.position, -1, 0) + np.reshape(atlas.origin, (3, 1, 1))
-    flat = atlas.covered & (np.abs(y) < 0.01)
-    under = flat & (np.min([np.abs(x - each) for each in BOLTS], 0) < 0.03)
-    under &= (z < 0.75) & (z > 0.5)
-    late = {"blocked": np.where(flat, 0.5, 0).astype(np.float32)}  # the bolts are iron
-    atlas = replace(atlas, features=atlas.features | late)
+    late = np.where(np.abs(atlas.position[..., 1]) < 0.01, 0.5, 0) * atlas.covered
+    return replace(atlas, features=atlas.features | {"blocked": late.astype(np.float32)})
 
-    def onset_there(runs: float) -> float:
-        exposure = Exposure(runs=runs, pattern=0.5)
-        found = surface_timing(atlas, "rust", (256, 256), seed=0, exposure=exposure)
-        return float(found.onset[under].mean())
 
-    assert onset_there(0.8) < 0.8 * onset_there(0.0)
+def below_and_beside(atlas: Atlas) -> tuple[np.ndarray, np.ndarray]:
+    x, y, z = np.moveaxis(atlas.position, -1, 0)
+    away = np.min([np.abs(x - each) for each in BOLTS], 0)
+    low = atlas.covered & (np.abs(y) < 0.01) & (z < 0.7) & (z > 0.55)
+    return low & (away < 0.025), low & (away > 0.12)
+
+
+def timing_of(atlas: Atlas, runs: float, **settings) -> SurfaceTiming:
+    exposure = Exposure(runs=runs, pattern=0.5)
+    return surface_timing(atlas, "rust", (256, 256), seed=0, exposure=exposure, **settings)
+
+
+def test_what_is_below_starts_earlier_where_runs_count_and_later_where_they_wash(concrete):
+    below, _ = below_and_beside(concrete)
+    sought, none, avoided = (timing_of(concrete, runs).onset[below] for runs in (0.8, 0, -0.8))
+    assert sought.mean() < 0.8 * none.mean()
+    assert avoided.mean() > none.mean() + 0.02
+
+
+def test_a_stain_is_what_is_young(concrete):
+    """It shows below the bolts and nearly nowhere beside them, and never is as old as they are."""
+    below, beside = below_and_beside(concrete)
+    found = timing_of(concrete, 1.0, amount=0.08)
+    age = found.rate * (1 - found.onset)
+    assert age[below].mean() > 20 * age[beside].mean()
+    young = growth_of("rust", None).stain
+    assert 0.25 * young < age[below].mean() < 1.1 * young
+    bolts = concrete.covered & (concrete.position[..., 1] < -0.02)
+    assert age[bolts].mean() > 3 * young
+
+
+def test_what_a_place_would_come_to_without_runs_it_comes_to_with_them(concrete):
+    without, stained = (timing_of(concrete, runs) for runs in (0.0, 0.8))
+    age, other = (each.rate * (1 - each.onset) for each in (stained, without))
+    assert (age >= other - 0.1)[concrete.covered].mean() > 0.95
+
+
+def test_where_nothing_runs_nothing_is_stained():
+    flat = atlas_of([quad((0, 0, 0), (0, 1, 0), (1, 0, 0))], 128)
+    found, without = (timing_of(flat, runs) for runs in (0.8, 0.0))
+    np.testing.assert_allclose(found.rate, without.rate, rtol=1e-6)

@@ -85,7 +85,7 @@ _PROCESSES = {
         "crevices": 0.6,
         "ground": 0.25,
         "sky": 0.1,
-        "runs": 0.4,
+        "runs": 0.8,
         "pattern": 0.5,
     },
     # Copper turns green where rain wets it: on what looks up, and in the tracks of what runs off

@@ -31,6 +31,11 @@ class Interpolation:
     near: NDArray[np.int32]
     reach: float
 
+    @property
+    def count(self) -> int:
+        """F."""
+        return (self.planes.shape[1] - 3) // 4
+
     @classmethod
     def of(cls, points: Points, graph: Graph, values: Array) -> Interpolation:
         known = np.isfinite(graph.distance)
@@ -52,15 +57,14 @@ class Interpolation:
         """The values at positions [m, 3], near which these points lie: [F, m]."""
         place = np.ascontiguousarray(position.T)
         near = np.ascontiguousarray(self.near.take(point, 0).T)
-        count = (self.planes.shape[1] - 3) // 4
-        total, weights = np.zeros((count, len(position)), np.float32), np.float32(1e-12)
+        total, weights = np.zeros((self.count, len(position)), np.float32), np.float32(1e-12)
         for neighbor in near:
             there = np.ascontiguousarray(self.planes.take(neighbor, 0).T)
             squared = sum((place[axis] - there[axis]) ** 2 for axis in range(3))
             weight = np.maximum(1 - squared * np.float32(1 / self.reach**2), 1e-6)
             weight *= weight
             weights = weights + weight
-            for value in range(count):
+            for value in range(self.count):
                 level, x, y, z = there[3 + 4 * value : 7 + 4 * value]
                 total[value] += weight * (level + x * place[0] + y * place[1] + z * place[2])
         return total / weights

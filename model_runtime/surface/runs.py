@@ -1,10 +1,12 @@
 """What water brings down a surface: stains below what weathers, streaks below ledges.
 
 Rain falls on what looks up. From each point water is handed to its lower neighbors, most of it the
-steepest way, and evaporates as it goes; what weathers dissolves into it and settles below.
+steepest way, and evaporates as it goes; what weathers early dissolves into it and settles below.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,37 +15,68 @@ from .graph import Graph
 from .noise import SpaceNoise
 from .points import Points
 
-__all__ = ("deposit",)
+__all__ = ("Deposit", "Runs", "deposit", "runs")
 
 Array = NDArray[np.float32]
 
 _STEEPEST = 4  # power of the slope by which lower neighbors share
+_STEEP = 0.2  # sine of the slope from which water runs off; on what is level it stands
 _WANDER = 1.0  # spacings that a surface is uneven by: runs wander and join
 _LONGEST, _OCTAVES, _GAIN = 32.0, 5, 0.65  # of this unevenness: spacings a cell, and its octaves
 _DRIZZLE = 0.06  # rain on what does not look up, of that on what does
-_DRIES, _SETTLES = (
-    0.35,
-    0.12,
-)  # units after which 1 / e of the water, and of what it carries, is left
-_SOURCES = (0.8, 0.98)  # of the surface: from here to there what is susceptible gives all it can
+_DRIES, _SETTLES = 0.35, 0.2  # units after which 1 / e of water, and of what it carries, is left
+_SOURCES = (
+    0.05,
+    0.2,
+)  # of the surface: what weathers so early gives all it can, what later nothing
 _RUNS = 0.97  # of the surface with any deposit: what has the most
 _CONTRAST = 0.6  # power: thin stains show
+_SOON = 3  # power: a faint stain starts nearly as soon as a strong one
 _SETTLED = 1e-4  # of all water: less than this makes no difference
 _MOST_SWEEPS = 2000
+
+
+@dataclass(frozen=True)
+class Deposit:
+    """What has settled on points, 0 to 1, and when what it comes from began: [n] each."""
+
+    settled: Array
+    began: Array
+
+
+@dataclass(frozen=True)
+class Runs:
+    """What runs do to points, [n] each: by how much sooner each starts for what runs down to it
+    (below 0: later), and how strongly it is stained, 0 to 1.
+    """
+
+    sooner: Array
+    stain: Array
+
+
+def runs(weight: float, arrival: Array, found: Deposit) -> Runs:
+    """By the `weight` of runs, -1 to 1: what settles starts when its source did, or last of all."""
+    share = np.float32(abs(weight)) * found.settled
+    if weight < 0:
+        return Runs(share * (arrival - arrival.max()), np.zeros_like(arrival))
+    soon = 1 - (1 - share) ** _SOON
+    return Runs(soon * np.maximum(arrival - found.began, 0), share)
 
 
 def deposit(
     points: Points,
     graph: Graph,
+    arrival: Array,
     *,
-    susceptibility: Array,
     sky: Array,
     unit: float,
     rng: np.random.Generator,
-) -> Array:
-    """How much has settled on each point, 0 to 1, of what the most susceptible ones gave: [n].
+    amount: float = 1.0,
+) -> Deposit:
+    """What settles below the points at which weathering arrives first, by its `arrival` [n].
 
-    `sky` is how much of it each point sees, 0 to 1; `unit` is in meters.
+    `sky` is how much of it each point sees, 0 to 1; `unit` is in meters; an `amount` of the surface
+    weathers at all.
     """
     frequency = 1 / (_LONGEST * points.spacing)
     uneven = SpaceNoise.of(rng, (frequency, frequency, frequency), _GAIN)
@@ -55,21 +88,36 @@ def deposit(
 
     rain = points.area * (np.maximum(points.normal[:, 2], 0) * sky + _DRIZZLE)
     water = _handed_down(graph, share * left(_DRIES), rain)
-    low, high = np.quantile(susceptibility, _SOURCES)
-    gives = ((susceptibility - low) / max(high - low, 1e-6)).clip(0, 1)
-    carried = _handed_down(graph, share * left(_SETTLES), (water * gives).astype(np.float32))
+    given = (water * _sources(points, arrival, amount)).astype(np.float32)
+    since = arrival - arrival.min()
+    carried, dated = (
+        _handed_down(graph, share * left(_SETTLES), each) for each in (given, given * since)
+    )
+    began = (arrival.min() + dated / np.maximum(carried, 1e-30)).astype(np.float32)
     settled = carried / points.area
     if not settled.any():
-        return np.zeros(len(points), np.float32)
+        return Deposit(np.zeros_like(arrival), arrival)
     most = np.quantile(settled[settled > 0], _RUNS)
-    return ((settled / most).clip(0, 1) ** _CONTRAST).astype(np.float32)
+    return Deposit(((settled / most).clip(0, 1) ** _CONTRAST).astype(np.float32), began)
+
+
+def _sources(points: Points, arrival: Array, amount: float) -> Array:
+    """How much of what it can each point gives to water, 0 to 1: [n]."""
+    order = np.argsort(arrival)
+    until = np.searchsorted(arrival[order], arrival, "right") - 1
+    share = np.cumsum(points.area[order], dtype=np.float64)[until] / points.area.sum()
+    first, last = _SOURCES
+    last = min(last, max(amount, 1e-6))  # what never starts gives nothing
+    return ((last - share) / (last - min(first, last / 2))).clip(0, 1)
 
 
 def _shares(points: Points, graph: Graph, height: Array) -> Array:
     """The share of its water that each neighbor hands to a point, [NEIGHBORS, n]."""
     slope = np.maximum(graph.between(height) / graph.distance, 0) ** _STEEPEST
     handed = np.bincount(graph.neighbor.reshape(-1), slope.reshape(-1), len(points))
-    return (slope / np.maximum(handed, 1e-12)[graph.neighbor]).astype(np.float32)
+    steep = np.linalg.norm(points.normal[:, :2], axis=-1)
+    kept = np.minimum(steep / _STEEP, 1) / np.maximum(handed, 1e-12)
+    return (slope * kept[graph.neighbor]).astype(np.float32)
 
 
 def _handed_down(graph: Graph, share: Array, source: Array) -> Array:

@@ -20,7 +20,7 @@ from .growth import WEAR, Chance, grow, usual_unit
 from .interpolation import Interpolation
 from .noise import SpaceNoise
 from .points import Points, sample
-from .runs import deposit
+from .runs import Runs, deposit, runs
 from .seams import Seen
 
 __all__ = ("SurfaceTiming", "surface_timing")
@@ -31,6 +31,7 @@ _CHUNK = 1 << 16  # texels of a step
 _WORKERS = 2
 _COARSE = 4.0  # spacings of points: noise with cells longer than this is laid on them
 _WHITE = 0.999  # of what blocks: such texels never start
+_LEAST = np.float32(1e-3)
 _CURVE = np.linspace(0, 1, 11).round(1)  # times at which `aged.json` tells how much has started
 
 
@@ -77,7 +78,8 @@ class _Octaves:
 
 @dataclass(frozen=True)
 class _Waves:
-    """What is not yet ranked: arrivals and mottling, known at points and refined at texels.
+    """What is not yet ranked: arrivals and mottling, known at points and refined at texels; and
+    what runs do, if anything.
 
     Both are ranked by the area of the texels that they are asked for, of those that start.
     """
@@ -96,11 +98,12 @@ class _Waves:
         points: Points,
         graph: Graph,
         arrival: Array,
+        down: Runs | None,
         *,
         chance: Chance,
         texel: float,
     ) -> _Waves:
-        """`arrival` at the points, and texels of so many meters a side."""
+        """`arrival` at the points, what runs `down` them, and texels of so many meters a side."""
         border, mottling = (
             _Octaves.of(
                 chance.noise(purpose, growth.grain, growth.gain),
@@ -109,10 +112,15 @@ class _Waves:
             )
             for purpose in ("border", "rate")
         )
-        late = arrival / np.float32(growth.raggedness) + border.long(points.position)
+        ragged = np.float32(growth.raggedness)
+        late = arrival / ragged + border.long(points.position)
         slow = -mottling.long(points.position)
+        fields = [late, slow]
+        if down is not None:
+            late = fields[0] = late - down.sooner / ragged
+            fields += [down.sooner / ragged, down.stain]
         return cls(
-            Interpolation.of(points, graph, np.stack((late, slow), -1)),
+            Interpolation.of(points, graph, np.stack(fields, -1)),
             points,
             border,
             mottling,
@@ -120,37 +128,39 @@ class _Waves:
             Ranking(*mottling.range(slow)),
         )
 
-    def at(self, places: Places) -> tuple[Array, Array]:
-        """Arrivals and mottling of these places."""
-        late, slow = self.field.at(places.position, self.points.at(places))
-        late += self.border.short(places.position)
-        slow -= self.mottling.short(places.position)
-        return late, slow
+    def at(self, places: Places) -> Array:
+        """Arrivals and mottling of these places [n], and what runs do to them: [2 or 4, n]."""
+        found = self.field.at(places.position, self.points.at(places))
+        found[0] += self.border.short(places.position)
+        found[1] -= self.mottling.short(places.position)
+        return found
 
 
 @dataclass(frozen=True)
 class _Laid:
-    """Maps [H, W] of arrivals and mottling, 0 where no face is, and of what is blocked for good."""
+    """Maps [H, W] of arrivals and mottling, and of what runs do where they do anything, [2 or 4, H,
+    W], 0 where no face is; and of what is blocked for good.
+    """
 
-    late: Array
-    slow: Array
+    waves: Array
     never: NDArray[np.bool_]
 
     @classmethod
     def of(cls, waves: _Waves, atlas: Atlas, covered: NDArray[np.bool_]) -> _Laid:
         """Of the texels that are `covered`, all of whose waves are ranked on the way."""
         size = covered.shape[0], covered.shape[1]
-        laid = cls(np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, bool))
+        laid = cls(np.zeros((waves.field.count, *size), np.float32), np.zeros(size, bool))
+        maps = laid.waves.reshape(waves.field.count, -1)
         blocked = atlas.features.get("blocked", np.zeros_like(atlas.area)).reshape(-1) >= _WHITE
         counted = _counted(atlas, blocked)
 
         def lay(rows: range) -> tuple[Array, Array, Array]:
             """Arrivals and mottling of these rows, and the area of each texel."""
             places = atlas.places(covered, rows)
-            late, slow = waves.at(places)
-            laid.late.reshape(-1)[places.texel], laid.slow.reshape(-1)[places.texel] = late, slow
+            found = waves.at(places)
+            maps[:, places.texel] = found
             laid.never.reshape(-1)[places.texel] = blocked.take(places.baked)
-            return late, slow, counted.take(places.baked)
+            return found[0], found[1], counted.take(places.baked)
 
         with ThreadPoolExecutor(_WORKERS) as workers:
             for late, slow, area in workers.map(lay, _chunks(size)):
@@ -187,10 +197,20 @@ def surface_timing(
         growth = growth_of(process, None)
         unit = pattern_size / growth.scale
     chance = Chance(process, seed, unit)
-    known = _known(atlas, points, graph, exposure, chance)
+    known = features(atlas, points, graph)
     arrival = grow(growth, points, graph, exposure=exposure, known=known, chance=chance)
+    down = None
+    if exposure.runs:
+        settled = deposit(
+            *(points, graph, arrival),
+            sky=known["sky"],
+            unit=unit,
+            rng=chance.rng("runs"),
+            amount=amount,
+        )
+        down = runs(exposure.runs, arrival, settled)
     texel = atlas.spacing_at(size)
-    waves = _Waves.of(growth, points, graph, arrival, chance=chance, texel=texel)
+    waves = _Waves.of(growth, points, graph, arrival, down, chance=chance, texel=texel)
     covered = atlas.covered_at(size)
     laid = _Laid.of(waves, atlas, covered)
     onset, rate = _paced(laid, waves, growth, timing, amount)
@@ -210,23 +230,6 @@ def surface_timing(
     return SurfaceTiming(onset, rate, seen.seam_ratio(), account)
 
 
-def _known(
-    atlas: Atlas, points: Points, graph: Graph, exposure: Exposure, chance: Chance
-) -> dict[str, Array]:
-    """The features of the points, and what runs down to them, where that has a say."""
-    known = features(atlas, points, graph)
-    if exposure.runs:
-        known["runs"] = deposit(
-            points,
-            graph,
-            susceptibility=exposure.susceptibility(known),
-            sky=known["sky"],
-            unit=chance.unit,
-            rng=chance.rng("runs"),
-        )
-    return known
-
-
 def _counted(atlas: Atlas, blocked: NDArray[np.bool_]) -> Array:
     """The area by which each baked texel counts in the pace: none where it never starts, or has."""
     worn = atlas.features.get(WEAR, np.zeros_like(atlas.area)).reshape(-1) > 0.5
@@ -239,17 +242,31 @@ def _paced(
     laid: _Laid, waves: _Waves, growth: Growth, timing: Timing | None, amount: float
 ) -> tuple[Array, Array]:
     """Onset and rate, in the place of the maps that are laid."""
-    onset, rate = laid.late, laid.slow
+    onset, rate, *down = laid.waves
     pace = growth.pace if timing is None else pace_of(timing.onset)
     for rows in _chunks(onset.shape):
         part = slice(rows.start, rows.stop)
-        onset[part] = waves.arrivals.paced(onset[part], pace, alike=0.0, amount=amount)
-        onset[part][laid.never[part]] = 1
+        late, slow = onset[part].copy(), rate[part]
+        onset[part] = waves.arrivals.paced(late, pace, alike=0.0, amount=amount)
         if timing is None:
-            rate[part] = np.exp(-growth.mottling * np.clip(0.6 - rate[part], 0, 2))
+            rate[part] = np.exp(-growth.mottling * np.clip(0.6 - slow, 0, 2))
         else:
-            rate[part] = waves.slowness.paced(rate[part], pace_of(timing.rate), alike=1.0)
+            rate[part] = waves.slowness.paced(slow, pace_of(timing.rate), alike=1.0)
+        if down:
+            sooner, stain = (each[part] for each in down)
+            alone = waves.arrivals.paced(late + sooner, pace, alike=0.0, amount=amount)
+            rate[part] = _stained(onset[part], rate[part], alone, growth.stain * stain)
+        onset[part][laid.never[part]] = 1
     return onset, rate
+
+
+def _stained(onset: Array, rate: Array, alone: Array, stain: Array) -> Array:
+    """The rate of what starts at `onset`, sooner than it would `alone`, as it is stained: it ends
+    at the age of its `stain`, or at that which it would have come to without, whichever is later.
+    """
+    age = np.maximum(stain, rate * (1 - alone))
+    slowed = (age / np.maximum(1 - onset, _LEAST)).clip(_LEAST, 1)
+    return np.where(onset < alone, slowed, rate)
 
 
 def _chunks(size: tuple[int, ...]) -> Iterator[range]:
