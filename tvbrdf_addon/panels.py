@@ -7,7 +7,7 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from . import exposure, properties, session
+from . import exposure, properties, session, strengths
 from .drawing import guarded, paragraph
 from .estimate import in_bytes, in_time
 from .known import known, scene_of
@@ -65,9 +65,13 @@ def _draw_model(
     layout.prop(settings, "ntm")
     if settings.ntm == properties.OWN_FILE:
         layout.prop(settings, "ntm_file")
-    elif (card := properties.card_of(settings)) is not None:
+    card = properties.card_of(settings)
+    if card is not None:
         box = layout.box()
         paragraph(box, context, card.summary)
+        for source in card.details.get("sources", ()):
+            paragraph(box, context, "From {name}: {credit} ({license}).".format_map(source))
+    strengths.draw(layout, material, card)
 
 
 def _draw_range(

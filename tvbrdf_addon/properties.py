@@ -30,6 +30,7 @@ from .material.binding.retime import retime
 from .material.nodes.age import frame_range
 from .material.nodes.ownership import TAG
 from .models import OWN_FILE, enum_number, models_in
+from .strengths import Strengths
 
 __all__ = (
     "CLASSES",
@@ -135,7 +136,7 @@ def _is_start_image(_self: TVBRDF_PG_material, image: bpy.types.Image) -> bool:
     return image.source in ("FILE", "GENERATED") and TAG not in image
 
 
-class TVBRDF_PG_material(bpy.types.PropertyGroup):
+class TVBRDF_PG_material(Strengths, bpy.types.PropertyGroup):
     """How a material is aged, and what it was before."""
 
     ntm: bpy.props.EnumProperty(

@@ -27,8 +27,13 @@ def made_up_live(
     size: tuple[int, int] = (16, 16),
     onset: bool = True,
     seed: int = 0,
+    grain: int = 0,
+    height: bool = False,
+    tile_side: float = 0.5,
 ) -> Path:
-    """A result with `count` coefficients: paint that rusts, more or less."""
+    """A result with `count` coefficients, the last `grain` of them grain: paint that rusts, more or
+    less, and with `height` lifts and sinks.
+    """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     t = np.linspace(0, 1, AGES)[:, None]
@@ -40,6 +45,10 @@ def made_up_live(
         curves[2 + k] = np.sin(np.pi * t * (k + 1) * 0.7) * rng.uniform(-0.1, 0.1, 7)
     rows = np.zeros((2 + count, 3, AGES, 3), np.float32)
     rows[:, 0], rows[:, 1], rows[:, 2, :, 0] = curves[..., :3], curves[..., 3:6], curves[..., 6]
+    if height:
+        lifted = np.sin(np.pi * np.minimum(1, 3 * t[:, 0]))
+        rows[1, 2, :, 1] = 0.004 * lifted - 0.006 * t[:, 0] ** 2
+        rows[2:, 2, :, 1] = t[:, 0] * rng.uniform(-0.004, 0.004, (count, 1))
     write_image(folder / "curves.exr", rows.reshape(-1, AGES, 3))
     files: dict[str, object] = {"curves": "curves.exr"}
     if onset:
@@ -63,6 +72,9 @@ def made_up_live(
         "size": list(size),
         "files": files,
         "warnings": [],
+        "grain": grain,
+        "height": height,
+        "tile_side": tile_side,
     }
     (folder / "aged.json").write_text(json.dumps(aged))
     return folder
@@ -70,26 +82,44 @@ def made_up_live(
 
 def by_hand(folder: Path, authored: PrincipledMaps, t: float) -> TorranceSparrowMaps:
     """The state at age `t`: y(a) = G(a) y0 + O(a) + sum_k c_k V_k(a), and its limits."""
-    files = json.loads((folder / "aged.json").read_text())["files"]
     start = principled.forward(authored)
     y0 = np.concatenate((start.kd, start.ks, np.sqrt(start.alpha)[..., None]), -1)
-    a = np.full(authored.size, t)
+    curves, shares = _at(folder, t, authored.size)
+    y = curves[0][..., :7] * y0 + curves[1][..., :7]
+    for k, change in enumerate(curves[2:]):
+        y += shares[..., k : k + 1] * change[..., :7]
+    kd, ks = np.maximum(y[..., :3], 0), np.maximum(y[..., 3:6], 0)
+    r = np.clip(y[..., 6], 0.01, 1)
+    return TorranceSparrowMaps(*(each.astype(np.float32) for each in (kd, ks, r * r)))
+
+
+def height_by_hand(
+    folder: Path, t: float, size: tuple[int, int], *, grain: float = 1.0
+) -> np.ndarray:
+    """[H, W] at age `t`, in sides of the tile, with so much `grain`."""
+    curves, shares = _at(folder, t, size)
+    count = json.loads((folder / "aged.json").read_text())["grain"]
+    height = curves[1][..., 7].copy()
+    for k, change in enumerate(curves[2:]):
+        strength = grain if k >= len(curves) - 2 - count else 1.0
+        height += strength * shares[..., k] * change[..., 7]
+    return height
+
+
+def _at(folder: Path, t: float, size: tuple[int, int]) -> tuple[list[np.ndarray], np.ndarray]:
+    """Gain, offset and shapes [H, W, 8] at the local ages of time `t`, and the coefficients."""
+    files = json.loads((folder / "aged.json").read_text())["files"]
+    a = np.full(size, t)
     if "timing" in files:
         onset, rate, a0 = np.moveaxis(read(folder / files["timing"]), -1, 0)
         a = a0 + rate * np.maximum(0, t - onset)
     a = np.clip(a, 0, 1)
     rows = read(folder / "curves.exr").reshape(-1, 3, AGES, 3)
-    curves = np.concatenate((rows[:, 0], rows[:, 1], rows[:, 2, :, :1]), -1)
+    curves = np.concatenate((rows[:, 0], rows[:, 1], rows[:, 2, :, :2]), -1)
     at = np.linspace(0, 1, AGES)
     now = [np.stack([np.interp(a, at, c) for c in curve.T], -1) for curve in curves]
-    y = now[0] * y0 + now[1]
     c = [read(folder / name) for name in files["coefficients"]]
-    shares = np.concatenate(c, -1) if c else np.zeros((*a.shape, 0))
-    for k, change in enumerate(now[2:]):
-        y += shares[..., k : k + 1] * change
-    kd, ks = np.maximum(y[..., :3], 0), np.maximum(y[..., 3:6], 0)
-    r = np.clip(y[..., 6], 0.01, 1)
-    return TorranceSparrowMaps(*(each.astype(np.float32) for each in (kd, ks, r * r)))
+    return now, np.concatenate(c, -1) if c else np.zeros((*a.shape, 0))
 
 
 def read(path: Path) -> np.ndarray:

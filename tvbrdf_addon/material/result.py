@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -15,7 +15,10 @@ from ..errors import MaterialError
 from .nodes.ownership import GROUP, TAG
 from .nodes.record import tagged
 
-__all__ = ("AgedMap", "AgedMaps", "LiveFiles", "read_result", "result_folder")
+__all__ = ("HEIGHT", "AgedMap", "AgedMaps", "LiveFiles", "Unit", "read_result", "result_folder")
+
+HEIGHT = "height"
+"""The map of heights, which a result may have beside those of its format."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +40,33 @@ class AgedMap:
 
 
 @dataclass(frozen=True)
+class Unit:
+    """How high a height of 1 is: a `length` in the world, or with `of_texture` a share of the
+    textures' side.
+    """
+
+    length: float
+    of_texture: bool
+
+    def distance(self, texture_side: float) -> float:
+        """In the world, where the textures' side has that length."""
+        return self.length * (texture_side if self.of_texture else 1.0)
+
+
+_WORLD = Unit(1.0, of_texture=False)
+
+
+@dataclass(frozen=True)
 class AgedMaps:
-    """A whole result.  `times` are the ages of the modelled frames, rising from 0 to 1."""
+    """A whole result.  `times` are the ages of the modelled frames, rising from 0 to 1; `height`
+    is None where nothing rises or sinks.
+    """
 
     format: str
     times: tuple[float, ...]
     maps: tuple[AgedMap, ...]
+    unit: Unit = _WORLD
+    height: AgedMap | None = None
 
 
 @dataclass(frozen=True)
@@ -50,7 +74,8 @@ class LiveFiles:
     """A result that a shader evaluates at any age: its files, of `size` (height, width).
 
     `timing` holds onset, rate and start of each texel (None: all age alike), `coefficients` three
-    in each texture, `curves` what they are multiplied by.
+    in each texture, the last `grain` of all being grain, `curves` what they are multiplied by.
+    With `height` there is a change of it.
     """
 
     format: str
@@ -58,6 +83,9 @@ class LiveFiles:
     timing: Path | None
     coefficients: tuple[Path, ...]
     curves: Path
+    grain: int = 0
+    height: bool = False
+    unit: Unit = _WORLD
 
 
 def result_folder(material: bpy.types.Material) -> Path | None:
@@ -103,6 +131,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
         data = json.loads(path.read_text(encoding="utf-8"))
         kind, times, files = str(data["format"]), tuple(map(float, data["times"])), data["files"]
         height, width = map(int, data["size"])
+        unit = Unit(float(data.get("tile_side", 1.0)), of_texture="surface" not in data)
     except OSError as error:
         raise MaterialError(f"The result {path} cannot be read.", "Age the material again.") from (
             error
@@ -117,10 +146,21 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
             "Update the extension, or age the material again.",
         )
     if data.get("binding") == LIVE:
-        return _live(folder, kind, (height, width), files)
+        live = _live(folder, kind, (height, width), files)
+        grain = data.get("grain", 0)
+        return replace(live, grain=grain, height=bool(data.get(HEIGHT)), unit=unit)
     uniform = (height, width) == (1, 1)
-    maps = tuple(_map(folder, name, files.get(name), len(times), uniform) for name in FORMATS[kind])
-    return AgedMaps(kind, times, maps)
+
+    def aged(name: str) -> AgedMap:
+        return _map(folder, name, files.get(name), len(times), uniform)
+
+    return AgedMaps(
+        kind,
+        times,
+        tuple(map(aged, FORMATS[kind])),
+        height=aged(HEIGHT) if HEIGHT in files and not uniform else None,
+        unit=unit if unit.of_texture else _WORLD,
+    )
 
 
 def _live(folder: Path, kind: str, size: tuple[int, int], files: object) -> LiveFiles:

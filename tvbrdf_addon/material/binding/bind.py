@@ -14,10 +14,11 @@ from ...errors import MaterialError
 from ..nodes.revert import revert
 from ..reading.check import why_no_surface
 from ..reading.read import Reading
-from ..result import AgedMaps, LiveFiles, read_result
+from ..result import HEIGHT, AgedMaps, LiveFiles, read_result
 from ..surface_maps.collect import UVMap
 from .edit import Edit
 from .live import Aged, aged_by_shader
+from .relief import with_relief
 
 __all__ = ("bind", "bind_stills")
 
@@ -26,8 +27,14 @@ _AUTHORED = {
     "metallic": "Metallic",
     "specular": "Specular IOR Level",
     "roughness": "Roughness",
+    "normal": "Normal",
 }
-_EXACT = {"base_color": "Base Color", "specular_tint": "Specular Tint", "roughness": "Roughness"}
+_EXACT = {
+    "base_color": "Base Color",
+    "specular_tint": "Specular Tint",
+    "roughness": "Roughness",
+    "normal": "Normal",
+}
 # F0 = ((17.94 - 1) / (17.94 + 1))^2 = 0.8, which Specular Tint then scales to Ks.
 _EXACT_CONSTANTS = {"Metallic": 0.0, "IOR": 17.94, "Specular IOR Level": 0.5}
 _LOBES = ("Coat Weight", "Sheen Weight", "Transmission Weight", "Subsurface Weight", "Anisotropic")
@@ -65,12 +72,14 @@ def bind(
         span=(frame_start, frame_end),
         times=() if live else result.times,
         uv_map=uv_map if live and result.timing is not None else None,
+        distance=result.unit.distance(reading.texture_side),
     )
 
 
 def bind_stills(material: bpy.types.Material, reading: Reading, stills: AgedMaps) -> None:
     """Shows maps that have one file each, all of them and for good; Revert as after `bind`."""
-    _show(material, reading, partial(_maps, maps=stills), format=stills.format)
+    distance = stills.unit.distance(reading.texture_side)
+    _show(material, reading, partial(_maps, maps=stills), format=stills.format, distance=distance)
 
 
 def _show(
@@ -79,6 +88,7 @@ def _show(
     aged: Callable[[Edit], Aged],
     *,
     format: str,
+    distance: float,
     span: tuple[int, int] = (0, 1),
     times: Sequence[float] = (),
     uv_map: UVMap | None = None,
@@ -91,7 +101,7 @@ def _show(
     try:
         if uv_map is not None:
             edit.give_uv_map(uv_map)
-        warnings = _FORMATS[format](edit, aged(edit))
+        warnings = _FORMATS[format](edit, _relieved(edit, aged(edit), distance))
     except Exception:
         edit.finish()
         revert(material)
@@ -101,10 +111,18 @@ def _show(
     return tuple(warnings)
 
 
+def _relieved(edit: Edit, aged: Aged, distance: float) -> Aged:
+    """What is shown, with the normal in the place of a height, of which one is `distance` high."""
+    rest = {name: show for name, show in aged.items() if name != HEIGHT}
+    normal = with_relief(edit, aged[HEIGHT], distance) if HEIGHT in aged else None
+    return {**rest, "normal": normal} if normal is not None else rest
+
+
 def _maps(edit: Edit, maps: AgedMaps) -> Aged:
+    all_maps = (*maps.maps, *((maps.height,) if maps.height is not None else ()))
     return {
         each.name: partial(edit.show, each, transform=math.sqrt if each.name == "alpha" else None)
-        for each in maps.maps
+        for each in all_maps
     }
 
 
@@ -137,9 +155,10 @@ def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
     glossy = edit.layout.add("ShaderNodeBsdfAnisotropic", "Specular", column=-1, row=1)
     glossy.distribution = "GGX"
     both = edit.layout.add("ShaderNodeAddShader", "Diffuse and Specular", column=-2, row=0)
+    normal = aged.get("normal", partial(edit.follow, "Normal"))
     for shader, slot in zip((diffuse, glossy), both.inputs, strict=True):
         edit.tree.links.new(shader.outputs[0], slot)
-        edit.follow("Normal", shader.inputs["Normal"])
+        normal(shader.inputs["Normal"])
     aged["kd"](diffuse.inputs["Color"])
     aged["ks"](glossy.inputs["Color"])
     aged["alpha"](glossy.inputs["Roughness"])

@@ -23,7 +23,7 @@ from ..nodes.trace import input_socket, is_animated
 from ..nodes.uv_maps import give_uv_map
 from ..reading.pixels import read_exr_texel, set_as_data
 from ..reading.read import Reading
-from ..result import AgedMap
+from ..result import HEIGHT, AgedMap
 from ..surface_maps.collect import UVMap
 
 __all__ = ("Edit",)
@@ -224,6 +224,8 @@ class Edit:
             self.layout.add("ShaderNodeTexImage", aged.name, column=column, row=self._rows)
         )
         self.show_file(node, aged.files[turn])
+        if aged.name == HEIGHT:
+            node.image.use_half_precision = False  # in which Cycles makes 0 something more
         frames = aged.stored[turn::2]
         if len(frames) > 1:
             node.image.source = "SEQUENCE"

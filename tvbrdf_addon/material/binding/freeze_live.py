@@ -16,10 +16,11 @@ from ...errors import MaterialError
 from ...output import free_folder
 from ..nodes.age import age_at
 from ..nodes.record import load, require_local
+from ..nodes.strengths import GRAIN, strength
 from ..reading.onset import showing
 from ..reading.pixels import Array, read_exr, write_exr
 from ..reading.read import read
-from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
+from ..result import HEIGHT, AgedMap, AgedMaps, LiveFiles, read_result, result_folder
 from .bind import bind_stills
 from .freeze import freeze
 from .live import read_curves
@@ -62,15 +63,20 @@ def freeze_live(
             frame=scene.frame_current,
         )
         authored = _authored(Path(place), files.size)
-    aged = _evaluator(files).aged(authored, age)
-    stills = principled.in_format(aged, files.format, authored)
+    evaluator = _evaluator(files, strength(material, GRAIN) or 0.0)
+    stills = principled.in_format(evaluator.aged(authored, age), files.format, authored)
+    if files.height:
+        stills[HEIGHT] = evaluator.height(age)
     taken = [Path(bpy.path.abspath(image.filepath)).parent for image in bpy.data.images]
     home = free_folder(folder, f"frame {scene.frame_current}", taken)
     home.mkdir(exist_ok=True)
     for name, pixels in stills.items():
         write_exr(home / f"{name}.exr", pixels)
-    maps = tuple(AgedMap(name, (home / f"{name}.exr",), (0,), uniform=False) for name in stills)
-    bind_stills(material, reading, AgedMaps(files.format, (), maps))
+    maps = {name: AgedMap(name, (home / f"{name}.exr",), (0,), uniform=False) for name in stills}
+    height = maps.pop(HEIGHT, None)
+    bind_stills(
+        material, reading, AgedMaps(files.format, (), tuple(maps.values()), files.unit, height)
+    )
     return _other_ages(material, record.age)
 
 
@@ -105,13 +111,15 @@ def _authored(folder: Path, size: tuple[int, int]) -> PrincipledMaps:
     )
 
 
-def _evaluator(files: LiveFiles) -> LiveMaps:
+def _evaluator(files: LiveFiles, grain: float) -> LiveMaps:
     curves = read_curves(files.curves)
     coefficients = np.empty((*files.size, 0), np.float32)
     for path in files.coefficients:
         coefficients = np.concatenate((coefficients, read_exr(path)), -1)
+    coefficients = coefficients[..., : len(curves.shapes)]
+    coefficients[..., len(curves.shapes) - files.grain :] *= grain
     return LiveMaps(
         curves=curves,
         timing=None if files.timing is None else read_exr(files.timing),
-        coefficients=coefficients[..., : len(curves.shapes)],
+        coefficients=coefficients,
     )

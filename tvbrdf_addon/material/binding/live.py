@@ -4,23 +4,23 @@ out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-import bpy
-
 from ....model_runtime.live.evaluate import Curves
 from ...errors import MaterialError
-from ..live.group import AUTHORED, OUTPUTS, aged_group
+from ..live.group import AUTHORED, aged_group, outputs_of
+from ..nodes.strengths import GRAIN
 from ..reading.pixels import read_exr
 from ..result import LiveFiles
 from .edit import Edit
+from .relief import Show
 
 __all__ = ("Aged", "aged_by_shader", "read_curves")
 
-Aged: TypeAlias = Mapping[str, Callable[[bpy.types.NodeSocket], None]]
+Aged: TypeAlias = Mapping[str, Show]
 """What lets a socket show a map as it ages, by the map's name."""
 
 
@@ -44,7 +44,9 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
     edit.tree.links.new(edit.age_socket(), node.inputs["Age"])
     if vector is not None:
         edit.tree.links.new(vector, node.inputs["Vector"])
-    outputs = OUTPUTS[maps.format].items()
+    if maps.grain:
+        node.inputs[GRAIN].default_value = edit.material.tvbrdf.grain
+    outputs = outputs_of(maps).items()
     return {each: partial(edit.connect, node.outputs[output]) for each, output in outputs}
 
 

@@ -61,7 +61,7 @@ class Fade:
             return
         seen, unseen = self.textures if self.factor < 1 else reversed(self.textures)
         if self.mixed is not None:
-            _replace(seen, _packed(seen.image.name, self.mixed))
+            _replace(seen, _packed(seen.image, self.mixed))
         result = next(each for each in self.node.outputs if each.identifier == "Result_Color")
         for link in list(known(result.links)):
             tree.links.new(known(seen.outputs)["Color"], known(link.to_socket))
@@ -112,11 +112,14 @@ def _pixels(image: bpy.types.Image, path: str | None) -> Array:
         bpy.data.images.remove(loaded)
 
 
-def _packed(name: str, pixels: Array) -> bpy.types.Image:
+def _packed(like: bpy.types.Image, pixels: Array) -> bpy.types.Image:
     height, width = pixels.shape[:2]
-    image = bpy.data.images.new(name, width, height, alpha=False, float_buffer=True, is_data=True)
+    image = bpy.data.images.new(
+        like.name, width, height, alpha=False, float_buffer=True, is_data=True
+    )
     image[TAG] = 1
     image.alpha_mode = "NONE"
+    image.use_half_precision = like.use_half_precision
     image.pixels.foreach_set(np.ascontiguousarray(pixels[::-1], np.float32).ravel())
     image.pack()
     return image

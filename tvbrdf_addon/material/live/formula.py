@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeAlias
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 import bpy
 
@@ -130,6 +131,7 @@ class Triple:
 Numeric: TypeAlias = Number | float
 Vectorial: TypeAlias = Triple | tuple[float, float, float]
 _Given: TypeAlias = "Numeric | Vectorial"
+_EMPTY: Mapping[str, Any] = MappingProxyType({})
 
 
 def dot(a: Triple, b: Vectorial) -> Number:
@@ -212,8 +214,12 @@ class Canvas:
             self._feed(input_socket(node, name), value)
         return next(each for each in node.outputs if each.identifier == f"Result_{kind}")
 
-    def add(self, kind: str, *inputs: _Given, **settings: object) -> bpy.types.Node:
-        """A node with those settings, whose first inputs are fed with `inputs`."""
+    def add(
+        self, kind: str, *inputs: _Given, by_name: Mapping[str, _Given] = _EMPTY, **settings: object
+    ) -> bpy.types.Node:
+        """A node with those settings, whose first inputs are fed with `inputs`, others `by_name`:
+        which place these have depends on Blender's version.
+        """
         node = self._tree.nodes.new(kind)
         node.parent, node.select = self._frame, False
         for name, value in settings.items():
@@ -221,6 +227,8 @@ class Canvas:
         node.hide = node.type in _COLLAPSED
         for socket, value in zip(node.inputs, inputs, strict=False):
             self._feed(socket, value)
+        for name, value in by_name.items():
+            self._feed(node.inputs[name], value)
         return node
 
     def _feed(self, socket: bpy.types.NodeSocket, value: _Given) -> None:

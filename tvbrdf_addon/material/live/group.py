@@ -4,32 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import bpy
-import numpy as np
 
-from ....model_runtime.channels import ROUGHNESS_MIN, optics
-from ....model_runtime.contract import (
-    COEFFICIENTS_A_FILE,
-    PRINCIPLED,
-    PRINCIPLED_EXACT,
-    TORRANCE_SPARROW,
-)
+from ....model_runtime.contract import PRINCIPLED, PRINCIPLED_EXACT, TORRANCE_SPARROW
 from ....model_runtime.live.evaluate import Curves
 from ...known import image_texture, known
-from ..result import LiveFiles
+from ..nodes.strengths import GRAIN
+from ..result import HEIGHT, LiveFiles
 from .arrange import arrange
-from .formula import Canvas, Number, Numeric, Triple, dot, greater, where, where3
+from .changes import State, Texture, changed
+from .formula import Canvas, Number, Triple, greater, where, where3
 from .mapping import exact_group, forward_group, new_group, read_back_group
-from .stops import Array, stops_of
 
-__all__ = ("AUTHORED", "OUTPUTS", "aged_group")
+__all__ = ("AUTHORED", "aged_group", "outputs_of")
 
 AUTHORED = ("Base Color", "Metallic", "Roughness", "Specular IOR Level", "IOR", "Specular Tint")
 """The group's inputs that take what feeds the Principled BSDF."""
 
-OUTPUTS = {
+_OUTPUTS = {
     PRINCIPLED: {
         "base_color": "Base Color",
         "metallic": "Metallic",
@@ -43,23 +36,19 @@ OUTPUTS = {
     },
     TORRANCE_SPARROW: {"kd": "Diffuse", "ks": "Specular", "alpha": "Roughness"},
 }
-"""What the group gives: by the format of the result the output of each map, in order."""
 
-_NONE = (0.0, 0.0, 0.0)
 _UNTIL = "As authored until something ages"
 
 _HALF_ZERO = 2.0**-15
 """What Cycles makes of 0 in an image of half floats: so small a local age is none."""
 
-_Texture = Callable[[Path, str], Triple]
 
+def outputs_of(maps: LiveFiles) -> dict[str, str]:
+    """What the group of a result gives, in order: the output of each map, by its name.
 
-class _State(NamedTuple):
-    """Torrance-Sparrow parameters, or what is done with them."""
-
-    kd: Triple
-    ks: Triple
-    roughness: Number
+    A height is one in the result's unit.
+    """
+    return {**_OUTPUTS[maps.format], **({HEIGHT: "Height"} if maps.height else {})}
 
 
 def aged_group(
@@ -78,8 +67,9 @@ def aged_group(
     input says where the textures are looked up, else the UV map does; `timing_map` names another UV
     map, by which the timing is. `load` lets a texture show a file.
     """
-    inputs = (*AUTHORED, "Age", *(("Vector",) if vector else ()))
-    group = new_group(name, inputs, tuple(OUTPUTS[maps.format].values()))
+    inputs = (*AUTHORED, "Age", *((GRAIN,) if maps.grain else ()), *(("Vector",) if vector else ()))
+    outputs = tuple(outputs_of(maps).values())
+    group = new_group(name, inputs, outputs)
     _add_dead_end(group)
     canvas = Canvas(group)
 
@@ -102,10 +92,13 @@ def aged_group(
 
     local = _local_age(canvas, age, maps.timing, timing)
     start = _forward(canvas)
-    state = _changed(canvas, start, local, curves, maps.coefficients, texture)
+    state, height = changed(canvas, start, local, curves, maps, texture)
     result = _GIVE[maps.format](canvas, start, state, local)
+    if height is not None:
+        with canvas.stage("Flat until something ages"):
+            result = (*result, where(greater(local, _HALF_ZERO), height, 0.0))
     with canvas.stage("Result"):
-        canvas.give(dict(zip(OUTPUTS[maps.format].values(), result, strict=True)))
+        canvas.give(dict(zip(outputs, result, strict=True)))
     arrange(group)
     return group
 
@@ -119,7 +112,7 @@ def _add_dead_end(group: bpy.types.NodeTree) -> None:
     end.label, end.hide, end.location = "glTF looks no further", True, (0, 200)
 
 
-def _local_age(canvas: Canvas, age: str, timing: Path | None, texture: _Texture) -> Number:
+def _local_age(canvas: Canvas, age: str, timing: Path | None, texture: Texture) -> Number:
     """a = clamp(a0 + rate max(0, t - onset), 0, 1); t is the object's own age if it has one."""
     with canvas.stage("Age, or the object's own"):
         own = canvas.add(
@@ -134,82 +127,17 @@ def _local_age(canvas: Canvas, age: str, timing: Path | None, texture: _Texture)
         return (t - onset).maximum(0.0).scaled(rate, start).clamp()
 
 
-def _forward(canvas: Canvas) -> _State:
+def _forward(canvas: Canvas) -> State:
     with canvas.stage("As authored"):
         names = ("Base Color", "Metallic", "Specular IOR Level", "IOR", "Specular Tint")
         authored = tuple(canvas.number(each) for each in names)
         node = canvas.add("ShaderNodeGroup", *authored, node_tree=forward_group())
         kd, ks = (Triple(canvas, each) for each in node.outputs)
-        return _State(kd, ks, canvas.number("Roughness").clamp())
-
-
-def _changed(
-    canvas: Canvas,
-    state: _State,
-    local: Number,
-    curves: Curves,
-    coefficients: tuple[Path, ...],
-    texture: _Texture,
-) -> _State:
-    """y(a) = G(a) y0 + O(a) + sum_k c_k V_k(a).
-
-    As a ramp holds nothing below 0, O and V_k are raised by their depths D, at once for all
-    channels, and O's and sum_k c_k D_k are taken off the sum.
-    """
-    with canvas.stage("Gain"):
-        gain = _ramps(canvas, local, curves.gain)
-    with canvas.stage("Offset"):
-        depth = _depth(curves.offset)
-        total = _ramps(canvas, local, curves.offset + depth)
-    raised: Numeric = depth
-    for number, shape in enumerate(curves.shapes):
-        channel = number % COEFFICIENTS_A_FILE
-        if channel == 0:
-            with canvas.stage("Coefficients"):
-                path = coefficients[number // COEFFICIENTS_A_FILE]
-                texel = texture(path, "Coefficients")
-                shares = texel.channels()
-                depths = [_depth(each) for each in curves.shapes[number:][:COEFFICIENTS_A_FILE]]
-                red, green, blue = depths + [0.0] * (COEFFICIENTS_A_FILE - len(depths))
-                raised = dot(texel, (red, green, blue)) + raised
-        with canvas.stage(f"+ coefficient · change {number + 1}"):
-            change, share = _ramps(canvas, local, shape + depths[channel]), shares[channel]
-            kd, ks = change.kd.scaled(share, total.kd), change.ks.scaled(share, total.ks)
-            total = _State(kd, ks, change.roughness.scaled(share, total.roughness))
-    with canvas.stage("Gain · authored + offset + changes, and its limits"):
-        kd = state.kd.scaled(gain.kd, total.kd) - raised
-        ks = state.ks.scaled(gain.ks, total.ks) - raised
-        roughness = state.roughness.scaled(gain.roughness, total.roughness) - raised
-        roughness = roughness.maximum(ROUGHNESS_MIN).minimum(1.0)
-        return _State(kd.maximum(_NONE), ks.maximum(_NONE), roughness)
-
-
-def _depth(curve: Array) -> float:
-    return max(-float(curve.min()), 0.0)
-
-
-def _ramps(canvas: Canvas, local: Number, curve: Array) -> _State:
-    """One row of curves [T, C] at the local age: a ramp for Kd and roughness, one for Ks."""
-    kd, ks, r = optics(curve)
-    shown_kd, roughness = _ramp(canvas, local, np.column_stack((kd, r)), "Kd, roughness as alpha")
-    shown_ks, _ = _ramp(canvas, local, np.column_stack((ks, ks[:, -1])), "Ks")
-    return _State(shown_kd, shown_ks, roughness)
-
-
-def _ramp(canvas: Canvas, local: Number, curve: Array, label: str) -> tuple[Triple, Number]:
-    """A curve [T, 4] as color and alpha."""
-    stops = stops_of(curve)
-    node = canvas.add("ShaderNodeValToRGB", local, label=label)
-    elements = node.color_ramp.elements
-    for position in stops.positions[1:-1]:
-        elements.new(position)
-    for element, value in zip(elements, stops.values, strict=True):
-        element.color = value
-    return Triple(canvas, node.outputs["Color"]), Number(canvas, node.outputs["Alpha"])
+        return State(kd, ks, canvas.number("Roughness").clamp())
 
 
 def _give_authored(
-    canvas: Canvas, _start: _State, state: _State, local: Number
+    canvas: Canvas, _start: State, state: State, local: Number
 ) -> tuple[Triple, Number, Number, Number]:
     """The sockets read back, and the artist's own to the last bit where nothing has aged yet."""
     with canvas.stage("Read back"):
@@ -233,7 +161,7 @@ def _give_authored(
 
 
 def _give_exact(
-    canvas: Canvas, start: _State, state: _State, local: Number
+    canvas: Canvas, start: State, state: State, local: Number
 ) -> tuple[Triple, Triple, Number]:
     state = _give_torrance_sparrow(canvas, start, state, local)
     with canvas.stage("Read back, exact"):
@@ -242,10 +170,10 @@ def _give_exact(
         return base, tint, state.roughness
 
 
-def _give_torrance_sparrow(canvas: Canvas, start: _State, state: _State, local: Number) -> _State:
+def _give_torrance_sparrow(canvas: Canvas, start: State, state: State, local: Number) -> State:
     with canvas.stage(_UNTIL):
         aged = greater(local, _HALF_ZERO)
-        return _State(
+        return State(
             where3(aged, state.kd, start.kd),
             where3(aged, state.ks, start.ks),
             where(aged, state.roughness, start.roughness),

@@ -14,7 +14,7 @@ from ..nodes.ownership import GROUP
 from .arrange import arrange
 from .formula import Canvas, Number, Triple, dot, greater, less, where, where3
 
-__all__ = ("exact_group", "forward_group", "new_group", "read_back_group")
+__all__ = ("exact_group", "forward_group", "new_group", "read_back_group", "shared_group")
 
 _NONE, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 _TINY = 1e-30
@@ -23,28 +23,33 @@ _FAR = 1e12
 _LEAST_TINT, _LEAST_KS = (1e-10, 1e-10, 1e-10), (1e-8, 1e-8, 1e-8)
 
 _TYPES = {
-    **dict.fromkeys(("Kd", "Ks", "Vector"), "NodeSocketVector"),
+    **dict.fromkeys(("Kd", "Ks", "Vector", "Normal", "Displacement"), "NodeSocketVector"),
     **dict.fromkeys(("Base Color", "Specular Tint", "Diffuse", "Specular"), "NodeSocketColor"),
 }
 _AUTHORED = ("Base Color", "Metallic", "Specular IOR Level", "IOR", "Specular Tint")
+_STRENGTHS = {
+    "Grain": "How much places differ from each other: 0 is smooth, 1 as in the model's source",
+    "Relief": "How much aging raises and pits the surface: 0 is flat, 1 as in the model's source",
+}
+"""Of 0 to 1, and what they are for."""
 
 
 def forward_group() -> bpy.types.NodeTree:
     """(Kd, Ks) of Principled sockets: `principled.forward`."""
-    return _shared("Principled to Kd and Ks", _AUTHORED, ("Kd", "Ks"), _forward)
+    return shared_group("Principled to Kd and Ks", _AUTHORED, ("Kd", "Ks"), _forward)
 
 
 def read_back_group() -> bpy.types.NodeTree:
     """The Principled sockets nearest to those authored that have Kd and Ks: `_Texels.nearest`."""
     inputs = ("Kd", "Ks", *_AUTHORED)
     outputs = ("Base Color", "Metallic", "Specular IOR Level")
-    return _shared("Kd and Ks to Principled", inputs, outputs, _read_back)
+    return shared_group("Kd and Ks to Principled", inputs, outputs, _read_back)
 
 
 def exact_group() -> bpy.types.NodeTree:
     """The Principled sockets that are Kd and Ks to the digit: `principled.exact`."""
     outputs = ("Base Color", "Specular Tint")
-    return _shared("Kd and Ks to Principled, Exact", ("Kd", "Ks"), outputs, _exact)
+    return shared_group("Kd and Ks to Principled, Exact", ("Kd", "Ks"), outputs, _exact)
 
 
 def new_group(name: str, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> bpy.types.NodeTree:
@@ -52,7 +57,11 @@ def new_group(name: str, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> b
     group = bpy.data.node_groups.new(name, "ShaderNodeTree")
     group[GROUP] = 1
     for each in inputs:
-        group.interface.new_socket(each, in_out="INPUT", socket_type=_type(each))
+        socket = group.interface.new_socket(each, in_out="INPUT", socket_type=_type(each))
+        if each in _STRENGTHS:
+            socket.description = _STRENGTHS[each]
+            socket.subtype, socket.default_value = "FACTOR", 1.0
+            socket.min_value, socket.max_value = 0.0, 1.0
     for each in outputs:
         group.interface.new_socket(each, in_out="OUTPUT", socket_type=_type(each))
     return group
@@ -62,7 +71,7 @@ def _type(name: str) -> str:
     return _TYPES.get(name, "NodeSocketFloat")
 
 
-def _shared(
+def shared_group(
     name: str,
     inputs: tuple[str, ...],
     outputs: tuple[str, ...],

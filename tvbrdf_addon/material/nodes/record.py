@@ -168,7 +168,7 @@ def is_live(material: bpy.types.Material) -> bool:
     """Whether the shader ages the material.  Cheap: panels call it."""
     nodes = tagged(material.node_tree) if material.node_tree is not None else ()
     groups = (node.node_tree for node in nodes if node.type == "GROUP")
-    return any(group is not None and GROUP in group for group in groups)
+    return any(group is not None and group.get(GROUP) == 1 for group in groups)
 
 
 def plays(material: bpy.types.Material) -> bool:

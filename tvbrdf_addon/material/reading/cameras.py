@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import bpy
-import mathutils
 import numpy as np
 
 from ...known import known
-from ..nodes.trace import input_socket, is_animated, resolve
 from .density import pixels_across
 from .evaluated import in_view, stage
 from .onset import showing
 from .space import Space, image_size
+from .spread import in_world, uv_mapping
 from .unwrap import active_uv_map, triangles
 
 __all__ = ("FULL", "LARGEST", "TextureSize", "all_the_cameras_see", "own_size")
@@ -132,7 +131,10 @@ class _View:
         share = render.resolution_percentage / 100
         self._resolution = round(render.resolution_x * share), round(render.resolution_y * share)
         self._aspect = render.pixel_aspect_x, render.pixel_aspect_y
-        self._uv_map, self._mapping = _lookup(material, space)
+        found = uv_mapping(space)
+        if found is None:
+            raise _UnknownError(f"“{material.name}” is not looked up by UV")
+        self._uv_map, self._mapping = found
         if not self.cameras:
             raise _UnknownError("There is no camera")
         if any(camera.data.type == "PANO" for camera in self.cameras):
@@ -145,7 +147,6 @@ class _View:
         """The most pixels that lie along the textures' unit square in any camera; 0 if unseen."""
         seen = 0.0
         clips = [self._projection(camera, depsgraph) for camera in self.cameras]
-        mapping = np.array(self._mapping)
         for obj in self.objects:
             with in_view(obj, depsgraph) as (mesh, materials):
                 uv_map = self._uv_map or active_uv_map(mesh)
@@ -155,10 +156,9 @@ class _View:
                 corners, uv = triangles(mesh, slots, uv_map)
             if not len(uv):
                 continue
-            world = np.array(obj.evaluated_get(depsgraph).matrix_world)
-            corners = corners @ world[:3, :3].T + world[:3, 3]
+            corners = in_world(corners, obj, depsgraph)
             for clip, focal in clips:
-                seen = max(seen, pixels_across(corners, uv @ mapping.T, clip, focal))
+                seen = max(seen, pixels_across(corners, uv @ self._mapping.T, clip, focal))
         return seen
 
     def _projection(self, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph):
@@ -180,48 +180,3 @@ def _has_instances(material: bpy.types.Material, depsgraph: bpy.types.Depsgraph)
         and any(slot.material == material for slot in instance.object.original.material_slots)
         for instance in depsgraph.object_instances
     )
-
-
-def _lookup(
-    material: bpy.types.Material, space: Space
-) -> tuple[str, tuple[tuple[float, float], tuple[float, float]]]:
-    """The UV map that textures are looked up by (empty: each object's own), and the linear part of
-    what turns it into their coordinates.
-    """
-    straight = mathutils.Matrix.Identity(3)
-    if space.kind == "texture":
-        node = space.images[0]
-        flat = node.projection == "FLAT"
-        found = _through(input_socket(node, "Vector"), straight, space.groups) if flat else None
-        if found is None:
-            raise _UnknownError(f"“{material.name}” is not looked up by UV")
-        uv_map, matrix = found
-    else:
-        uv_map, matrix = "", straight
-    return uv_map, ((matrix[0][0], matrix[0][1]), (matrix[1][0], matrix[1][1]))
-
-
-def _through(
-    vector: bpy.types.NodeSocket, after: mathutils.Matrix, groups: Sequence[bpy.types.Node]
-) -> tuple[str, mathutils.Matrix] | None:
-    """The UV map behind an image's Vector, and all Mapping nodes between as one matrix."""
-    source = resolve(vector, groups)
-    if not source.is_output:
-        return ("", after) if source.node.type == "TEX_IMAGE" else None
-    node = known(source.node)
-    if node.type == "UVMAP" and not node.from_instancer:
-        return node.uv_map, after
-    if node.type == "TEX_COORD" and source.name == "UV" and not node.from_instancer:
-        return "", after
-    if node.type != "MAPPING" or is_animated(node):
-        return None
-    rotation, scale = (resolve(node.inputs[name], groups) for name in ("Rotation", "Scale"))
-    if rotation.is_output or scale.is_output or node.vector_type == "NORMAL":
-        return None
-    turned = mathutils.Euler(rotation.default_value).to_matrix()
-    matrix = turned @ mathutils.Matrix.Diagonal(scale.default_value)
-    if node.vector_type == "TEXTURE":
-        if matrix.determinant() == 0:
-            return None
-        matrix = matrix.inverted()
-    return _through(node.inputs["Vector"], after @ matrix, groups)

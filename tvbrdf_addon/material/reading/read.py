@@ -28,6 +28,7 @@ from .evaluated import Evaluated, distinct, evaluated
 from .onset import showing
 from .pixels import Array, write_exr
 from .space import Sampling, Space, image_size, looked_up_by
+from .spread import texture_side
 from .subject import Subject, write_maps
 from .tiles import Tiles, tiles_of
 from .unwrap import (
@@ -59,6 +60,7 @@ class Reading:
     those on what is lost where maps stand in for the material.
     `laid_out_by` is the UV map that textures made of the maps are looked up by (empty: that which
     each object renders with), None where it is not by one alone.
+    `texture_side` is how long the side of such textures is in the world, on average.
     """
 
     size: tuple[int, int]
@@ -70,6 +72,7 @@ class Reading:
     tiles: Tiles = field(default_factory=Tiles)
     lost: tuple[str, ...] = ()
     laid_out_by: str | None = ""
+    texture_side: float = 1.0
 
 
 def read(
@@ -119,6 +122,7 @@ def read(
         # The bake changes how the copy's images are looked up: what is asked of them comes first.
         uv_map = target.uv_map if space.kind == "uv" else None
         laid_out_by = looked_up_by(space) if space.kind == "texture" else uv_map or ""
+        side = texture_side(material, space, tiles, users)
         sampling = _sampling(space, subject.groups, tiles)
         behind = subject.behind
         maps, coverage = _maps(subject, target, sizes)
@@ -142,6 +146,7 @@ def read(
         tiles=tiles,
         lost=of_maps,
         laid_out_by=laid_out_by,
+        texture_side=side,
     )
 
 

@@ -1,0 +1,99 @@
+"""How textures lie on the objects that show them: by which UV map, and how large."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import bpy
+import mathutils
+import numpy as np
+
+from ...known import known
+from ..nodes.trace import input_socket, is_animated, resolve
+from .evaluated import distinct, in_view
+from .pixels import Array
+from .space import Space
+from .tiles import Tiles
+from .unwrap import active_uv_map, triangles
+
+__all__ = ("in_world", "texture_side", "uv_mapping")
+
+
+def texture_side(
+    material: bpy.types.Material, space: Space, tiles: Tiles, objects: Iterable[bpy.types.Object]
+) -> float:
+    """The length in the world of a side of the textures of `material` on the objects that show it,
+    on average by area; where it is unknown how they lie, that of a square as large as the surface.
+    1 without a surface.
+    """
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    found = uv_mapping(space)
+    world = texture = 0.0
+    for obj in distinct(each for each in objects if each.type == "MESH"):
+        with in_view(obj, depsgraph) as (mesh, materials):
+            uv_map = (found and found[0]) or active_uv_map(mesh)
+            if uv_map is None or uv_map not in mesh.uv_layers:
+                continue
+            corners, uv = triangles(mesh, [each == material for each in materials], uv_map)
+        world += float(_areas(in_world(corners, obj, depsgraph)).sum())
+        texture += float(_areas(np.pad(uv, ((0, 0), (0, 0), (0, 1)))).sum())
+    scale = abs(float(np.linalg.det(found[1]))) if found is not None else 0.0
+    shown = texture * scale / (tiles.columns * tiles.rows)
+    if world <= 0:
+        return 1.0
+    return math.sqrt(world / shown) if shown > 0 else math.sqrt(world)
+
+
+def in_world(corners: Array, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Array:
+    """Points [..., 3] of an object in the world."""
+    world = np.array(obj.evaluated_get(depsgraph).matrix_world)
+    return corners @ world[:3, :3].T + world[:3, 3]
+
+
+def _areas(corners: Array) -> Array:
+    """Of triangles [T, 3, 3]."""
+    a, b = np.moveaxis(np.diff(corners.astype(float), axis=1), 1, 0)
+    return np.linalg.norm(np.cross(a, b), axis=-1) / 2
+
+
+def uv_mapping(space: Space) -> tuple[str, Array] | None:
+    """The UV map that textures are looked up by (empty: each object's own), and the linear part
+    [2, 2] of what turns it into their coordinates; None where they are looked up otherwise.
+    """
+    straight = mathutils.Matrix.Identity(3)
+    if space.kind != "texture":
+        return "", np.eye(2)
+    node = space.images[0]
+    flat = node.projection == "FLAT"
+    found = _through(input_socket(node, "Vector"), straight, space.groups) if flat else None
+    if found is None:
+        return None
+    uv_map, matrix = found
+    return uv_map, np.array(matrix)[:2, :2]
+
+
+def _through(
+    vector: bpy.types.NodeSocket, after: mathutils.Matrix, groups: Sequence[bpy.types.Node]
+) -> tuple[str, mathutils.Matrix] | None:
+    """The UV map behind an image's Vector, and all Mapping nodes between as one matrix."""
+    source = resolve(vector, groups)
+    if not source.is_output:
+        return ("", after) if source.node.type == "TEX_IMAGE" else None
+    node = known(source.node)
+    if node.type == "UVMAP" and not node.from_instancer:
+        return node.uv_map, after
+    if node.type == "TEX_COORD" and source.name == "UV" and not node.from_instancer:
+        return "", after
+    if node.type != "MAPPING" or is_animated(node):
+        return None
+    rotation, scale = (resolve(node.inputs[name], groups) for name in ("Rotation", "Scale"))
+    if rotation.is_output or scale.is_output or node.vector_type == "NORMAL":
+        return None
+    turned = mathutils.Euler(rotation.default_value).to_matrix()
+    matrix = turned @ mathutils.Matrix.Diagonal(scale.default_value)
+    if node.vector_type == "TEXTURE":
+        if matrix.determinant() == 0:
+            return None
+        matrix = matrix.inverted()
+    return _through(node.inputs["Vector"], after @ matrix, groups)
