@@ -75,6 +75,7 @@ def made_up_live(
         "grain": grain,
         "height": height,
         "tile_side": tile_side,
+        "tile_unit": "texture",
     }
     (folder / "aged.json").write_text(json.dumps(aged))
     return folder

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+import OpenEXR
 import pytest
 
 from tests.blender.aged_cases import bind, settled
@@ -20,6 +21,7 @@ from tests.blender.material_cases import (
     add_sun,
     awkward,
     link,
+    made_up,
     new_material,
     plane,
     principled_of,
@@ -28,8 +30,12 @@ from tests.blender.material_cases import (
     view_from_above,
 )
 from tests.blender.surface_cases import in_nested_groups
+from tests.blender.test_frame_one import psnr
+from tvbrdf.tvbrdf_addon.material.binding.freeze import freeze
+from tvbrdf.tvbrdf_addon.material.binding.freeze_live import freeze_live
 from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 from tvbrdf.tvbrdf_addon.material.nodes.strengths import strength
+from tvbrdf.tvbrdf_addon.material.reading.pixels import read_exr
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 FORMATS = ("principled", "principled-exact", "torrance-sparrow")
@@ -162,8 +168,6 @@ def test_a_slope_is_as_steep_as_the_result_says(tmp_path):
 
 def slope(folder: Path, *, per_tile: float) -> None:
     """Lets the one coefficient rise from left to right, and change nothing but the height."""
-    import OpenEXR
-
     from tests.blender.live_cases import AGES, write_image
 
     rows = np.zeros((3, 3, AGES, 3), np.float32)
@@ -189,3 +193,68 @@ def test_sliders_move_the_nodes_and_are_kept(tmp_path):
     material.tvbrdf.grain = 0.6
     assert group_node(material).inputs["Grain"].default_value == pytest.approx(0.6)
     assert relief_node(material).inputs["Relief"].default_value == pytest.approx(0.3)
+
+
+def test_freezing_keeps_grain_and_relief(tmp_path):
+    view_from_above()
+    add_sun((0.7, 0.3, -1.0))
+    material = new_material()
+    procedural(material)
+    obj = plane(material)
+    shown(tmp_path)  # whose image stays in the file
+    before, blocks = settled(material), data_blocks()
+    folder = grained(tmp_path / "live", size=(64, 64), onset=False)
+    bind(material, obj, folder, tmp_path, span=(1, 11))
+    material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
+    material.tvbrdf.grain = 0.5
+    live = render(tmp_path / "a.exr", 7)
+    freeze_live(material, obj, bpy.context.scene)
+    still = read_exr(folder / "frame 7" / "height.exr")[..., 0]
+    wanted = height_by_hand(folder, 0.6, (64, 64), grain=0.5)
+    np.testing.assert_allclose(still, wanted, atol=1e-5)
+    frozen = render(tmp_path / "a.exr", 1)
+    assert psnr(frozen, live) > 40
+    material.tvbrdf.relief = 0.0
+    assert psnr(render(tmp_path / "a.exr", 1), live) < psnr(frozen, live) - 10
+    revert(material)
+    assert settled(material) == before
+    assert data_blocks() == blocks
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("build", [procedural, bumpy, displaced])
+def test_frames_play_heights(tmp_path, kind, build):
+    lit()
+    obj = bpy.context.object
+    material = new_material()
+    build(material)
+    obj.data.materials.append(material)
+    shown(tmp_path)  # whose image stays in the file
+    before = settled(material)
+    folder = made_up(tmp_path / "frames", kind, count=3, size=SIDE)
+    bind(material, obj, folder, tmp_path, span=(1, 11))
+    flat = [render(tmp_path / "a.exr", frame, samples=4) for frame in (1, 11)]
+    add_heights(folder)
+    bind(material, obj, folder, tmp_path, span=(1, 11))
+    raised = [render(tmp_path / "a.exr", frame, samples=4) for frame in (1, 11)]
+    np.testing.assert_array_equal(raised[0], flat[0])
+    assert np.abs(raised[1] - flat[1]).max() > 0.01
+    bpy.context.scene.frame_set(11)
+    freeze(material, 11)
+    np.testing.assert_array_equal(render(tmp_path / "a.exr", 1, samples=4), raised[1])
+    revert(material)
+    assert settled(material) == before
+
+
+def add_heights(folder: Path) -> None:
+    """Waves that grow."""
+    report = json.loads((folder / "aged.json").read_text())
+    wave = np.sin(np.linspace(0, 6 * np.pi, SIDE))
+    names = [f"height_{k + 1:04d}.exr" for k in range(3)]
+    for k, name in enumerate(names):
+        # Single floats: of half floats Cycles makes 0 something more.
+        OpenEXR.File({}, {"Y": (0.02 * k * np.outer(wave, wave)).astype(np.float32)}).write(
+            str(folder / name)
+        )
+    report["files"]["height"] = names
+    (folder / "aged.json").write_text(json.dumps(report))

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 
-from ...model_runtime.contract import FORMATS, LIVE, REPORT, frame_file
+from ...model_runtime.contract import FORMATS, HEIGHT, LIVE, METERS, REPORT, frame_file
 from ...model_runtime.output.commit import recover
 from ..errors import MaterialError
 from .nodes.ownership import GROUP, TAG
 from .nodes.record import tagged
 
-__all__ = ("HEIGHT", "AgedMap", "AgedMaps", "LiveFiles", "Unit", "read_result", "result_folder")
-
-HEIGHT = "height"
-"""The map of heights, which a result may have beside those of its format."""
+__all__ = ("AgedMap", "AgedMaps", "LiveFiles", "Unit", "read_result", "result_folder")
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
         data = json.loads(path.read_text(encoding="utf-8"))
         kind, times, files = str(data["format"]), tuple(map(float, data["times"])), data["files"]
         height, width = map(int, data["size"])
-        unit = Unit(float(data.get("tile_side", 1.0)), of_texture="surface" not in data)
+        unit, grain = _unit(data), int(data.get("grain", 0))
     except OSError as error:
         raise MaterialError(f"The result {path} cannot be read.", "Age the material again.") from (
             error
@@ -147,7 +146,6 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
         )
     if data.get("binding") == LIVE:
         live = _live(folder, kind, (height, width), files)
-        grain = data.get("grain", 0)
         return replace(live, grain=grain, height=bool(data.get(HEIGHT)), unit=unit)
     uniform = (height, width) == (1, 1)
 
@@ -161,6 +159,13 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
         height=aged(HEIGHT) if HEIGHT in files and not uniform else None,
         unit=unit if unit.of_texture else _WORLD,
     )
+
+
+def _unit(data: Mapping[str, Any]) -> Unit:
+    side = float(data.get("tile_side", 1))
+    if not 0 < side < math.inf:
+        raise ValueError(f"a tile side of {side}")
+    return Unit(side, of_texture=data.get("tile_unit") != METERS)
 
 
 def _live(folder: Path, kind: str, size: tuple[int, int], files: object) -> LiveFiles:

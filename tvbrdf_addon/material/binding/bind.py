@@ -9,12 +9,17 @@ from pathlib import Path
 
 import bpy
 
-from ....model_runtime.contract import PRINCIPLED, PRINCIPLED_EXACT, TORRANCE_SPARROW
+from ....model_runtime.contract import (
+    HEIGHT,
+    PRINCIPLED,
+    PRINCIPLED_EXACT,
+    TORRANCE_SPARROW,
+)
 from ...errors import MaterialError
 from ..nodes.revert import revert
 from ..reading.check import why_no_surface
 from ..reading.read import Reading
-from ..result import HEIGHT, AgedMaps, LiveFiles, read_result
+from ..result import AgedMaps, LiveFiles, read_result
 from ..surface_maps.collect import UVMap
 from .edit import Edit
 from .live import Aged, aged_by_shader

@@ -10,6 +10,7 @@ from typing import Literal, TypeAlias
 import bpy
 import numpy as np
 
+from ....model_runtime.contract import HEIGHT
 from ...errors import MaterialError
 from ...known import image_texture, known
 from ..nodes.age import give_age
@@ -23,7 +24,7 @@ from ..nodes.trace import input_socket, is_animated
 from ..nodes.uv_maps import give_uv_map
 from ..reading.pixels import read_exr_texel, set_as_data
 from ..reading.read import Reading
-from ..result import HEIGHT, AgedMap
+from ..result import AgedMap
 from ..surface_maps.collect import UVMap
 
 __all__ = ("Edit",)

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ....model_runtime.brdf import principled
+from ....model_runtime.contract import HEIGHT
 from ....model_runtime.live.evaluate import LiveMaps
 from ....model_runtime.maps import PrincipledMaps
 from ....model_runtime.resampling import resize
@@ -20,7 +21,7 @@ from ..nodes.strengths import GRAIN, strength
 from ..reading.onset import showing
 from ..reading.pixels import Array, read_exr, write_exr
 from ..reading.read import read
-from ..result import HEIGHT, AgedMap, AgedMaps, LiveFiles, read_result, result_folder
+from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
 from .bind import bind_stills
 from .freeze import freeze
 from .live import read_curves

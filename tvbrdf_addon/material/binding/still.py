@@ -61,7 +61,7 @@ class Fade:
             return
         seen, unseen = self.textures if self.factor < 1 else reversed(self.textures)
         if self.mixed is not None:
-            _replace(seen, _packed(seen.image, self.mixed))
+            _replace(seen, _packed(known(seen.image), self.mixed))
         result = next(each for each in self.node.outputs if each.identifier == "Result_Color")
         for link in list(known(result.links)):
             tree.links.new(known(seen.outputs)["Color"], known(link.to_socket))

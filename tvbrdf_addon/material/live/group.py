@@ -7,11 +7,16 @@ from pathlib import Path
 
 import bpy
 
-from ....model_runtime.contract import PRINCIPLED, PRINCIPLED_EXACT, TORRANCE_SPARROW
+from ....model_runtime.contract import (
+    HEIGHT,
+    PRINCIPLED,
+    PRINCIPLED_EXACT,
+    TORRANCE_SPARROW,
+)
 from ....model_runtime.live.evaluate import Curves
 from ...known import image_texture, known
 from ..nodes.strengths import GRAIN
-from ..result import HEIGHT, LiveFiles
+from ..result import LiveFiles
 from .arrange import arrange
 from .changes import State, Texture, changed
 from .formula import Canvas, Number, Triple, greater, where, where3

@@ -60,7 +60,7 @@ class Reading:
     those on what is lost where maps stand in for the material.
     `laid_out_by` is the UV map that textures made of the maps are looked up by (empty: that which
     each object renders with), None where it is not by one alone.
-    `texture_side` is how long the side of such textures is in the world, on average.
+    `texture_side` is how long the longer side of such textures is in the world, on average.
     """
 
     size: tuple[int, int]
@@ -122,7 +122,7 @@ def read(
         # The bake changes how the copy's images are looked up: what is asked of them comes first.
         uv_map = target.uv_map if space.kind == "uv" else None
         laid_out_by = looked_up_by(space) if space.kind == "texture" else uv_map or ""
-        side = texture_side(material, space, tiles, users)
+        side = texture_side(material, space, tiles, tiles.whole(sizes.made), users)
         sampling = _sampling(space, subject.groups, tiles)
         behind = subject.behind
         maps, coverage = _maps(subject, target, sizes)

@@ -8,24 +8,30 @@ from collections.abc import Iterable, Sequence
 import bpy
 import mathutils
 import numpy as np
+from numpy.typing import NDArray
 
 from ...known import known
 from ..nodes.trace import input_socket, is_animated, resolve
 from .evaluated import distinct, in_view
-from .pixels import Array
 from .space import Space
 from .tiles import Tiles
 from .unwrap import active_uv_map, triangles
 
 __all__ = ("in_world", "texture_side", "uv_mapping")
 
+Array = NDArray[np.float64]
+
 
 def texture_side(
-    material: bpy.types.Material, space: Space, tiles: Tiles, objects: Iterable[bpy.types.Object]
+    material: bpy.types.Material,
+    space: Space,
+    tiles: Tiles,
+    size: tuple[int, int],
+    objects: Iterable[bpy.types.Object],
 ) -> float:
-    """The length in the world of a side of the textures of `material` on the objects that show it,
-    on average by area; where it is unknown how they lie, that of a square as large as the surface.
-    1 without a surface.
+    """The length in the world of the longer side of the textures of `material`, of a `size` in
+    texels, on the objects that show it, on average by area; where it is unknown how they lie, as
+    if they covered the surface once.  1 without a surface.
     """
     depsgraph = bpy.context.evaluated_depsgraph_get()
     found = uv_mapping(space)
@@ -37,23 +43,24 @@ def texture_side(
                 continue
             corners, uv = triangles(mesh, [each == material for each in materials], uv_map)
         world += float(_areas(in_world(corners, obj, depsgraph)).sum())
-        texture += float(_areas(np.pad(uv, ((0, 0), (0, 0), (0, 1)))).sum())
+        texture += float(_areas(np.pad(uv, ((0, 0), (0, 0), (0, 1)))).sum())  # in a plane
     scale = abs(float(np.linalg.det(found[1]))) if found is not None else 0.0
     shown = texture * scale / (tiles.columns * tiles.rows)
-    if world <= 0:
-        return 1.0
-    return math.sqrt(world / shown) if shown > 0 else math.sqrt(world)
+    area = world / shown if shown > 0 else world
+    return math.sqrt(area * max(size) / min(size)) if area > 0 else 1.0
 
 
-def in_world(corners: Array, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Array:
+def in_world(
+    corners: NDArray[np.floating], obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> Array:
     """Points [..., 3] of an object in the world."""
-    world = np.array(obj.evaluated_get(depsgraph).matrix_world)
+    world = np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64)
     return corners @ world[:3, :3].T + world[:3, 3]
 
 
-def _areas(corners: Array) -> Array:
+def _areas(corners: NDArray[np.floating]) -> Array:
     """Of triangles [T, 3, 3]."""
-    a, b = np.moveaxis(np.diff(corners.astype(float), axis=1), 1, 0)
+    a, b = np.moveaxis(np.diff(corners.astype(np.float64), axis=1), 1, 0)
     return np.linalg.norm(np.cross(a, b), axis=-1) / 2
 
 
