@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..model_runtime.contract import DRAFT, EXACT, LIVE
+from ..model_runtime.contract import DRAFT, EXACT, FRAMES, LIVE
 from ..model_runtime.errors import Cancelled
 from ..model_runtime.output.commit import recover
 from . import exposure, outlook, output, properties
@@ -109,6 +109,8 @@ def plan(
             "format": properties.SHOWN[settings.format].format,
             "seed": settings.seed,
             "binding": binding or settings.binding,
+            # What is live has all of it, and shows as much as its slider says.
+            "grain": settings.grain if (binding or settings.binding) == FRAMES else 1.0,
             "sparse": settings.quality != EXACT,
             **exposure.asked(settings),
         },
