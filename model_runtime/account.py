@@ -22,7 +22,7 @@ __all__ = ("account_of",)
 def account_of(
     run: Run,
     start: Start,
-    modelled: AgedTexels,
+    modeled: AgedTexels,
     live: Fitted | None,
     *,
     rung: str,
@@ -36,29 +36,29 @@ def account_of(
     Every `interval`-th frame was aged; `live` stands for all frames where it is not None.
     """
     request = run.request
-    coefficients = None if live is None else live.coefficients + modelled.residue_count
+    coefficients = None if live is None else live.coefficients + modeled.residue_count
     return {
         "format": format,
         "binding": FRAMES if live is None else LIVE,
         "coefficients": coefficients or 0,
-        **_residues(modelled, start, live),
+        **_residues(modeled, start, live),
         "ntm": start.models.ntm.card.name,
         "frames": request.frames,
         "times": [round(time, 6) for time in times],
         "size": list(start.size),
         "quality": request.quality,
         "temporal_model": rung,
-        "device": modelled.histories.device,
-        "palette": len(modelled.palette.entries),
+        "device": modeled.histories.device,
+        "palette": len(modeled.palette.entries),
         "plan": savings(
-            texels=len(modelled.initial),
-            modelled=len(modelled.palette.entries),
+            texels=len(modeled.initial),
+            modeled=len(modeled.palette.entries),
             interval=interval,
             files=files,
             coefficients=coefficients,
             not_live=start.may_be_live and live is None,
         ),
-        "fit_error": round(max(start.fit_error, modelled.histories.fit_error), 6),
+        "fit_error": round(max(start.fit_error, modeled.histories.fit_error), 6),
         **({} if live is None else {"error_db": live.error_db}),
         "warnings": run.warnings,
         "seconds": run.seconds,
@@ -74,9 +74,9 @@ def account_of(
     }
 
 
-def _residues(modelled: AgedTexels, start: Start, live: Fitted | None) -> dict[str, Any]:
+def _residues(modeled: AgedTexels, start: Start, live: Fitted | None) -> dict[str, Any]:
     """What says how grain and heights are to be read, where there are any."""
-    residues = modelled.residues
+    residues = modeled.residues
     if residues is None:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""Ageing a material: the pipeline that joins reading, planning, rolling out, fitting and
+"""Aging a material: the pipeline that joins reading, planning, rolling out, fitting and
 writing.
 """
 
@@ -86,7 +86,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     rung = _rung(run, start, counted.initial)
     change = _change(run, start, rung, device)
     with run.timed("model"):
-        modelled = model_texels(
+        modeled = model_texels(
             counted.initial,
             change,
             effort,
@@ -98,7 +98,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         )
     live = None
     if start.may_be_live:
-        live = _fit_live(run, start, modelled, _each_for_itself(start, change, effort))
+        live = _fit_live(run, start, modeled, _each_for_itself(start, change, effort))
         if live is None:
             if start.apart is not None:
                 raise InputError(_NOT_APART, "Unwrap the object, or ask for a lower tolerance.")
@@ -106,12 +106,12 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     times = np.linspace(0, 1, run.request.frames).tolist()
     with run.timed("write"):
         run.progress("write", 0.4)
-        format, files = _write(run, start, modelled, live, times, effort.interval, staged)
+        format, files = _write(run, start, modeled, live, times, effort.interval, staged)
         staged.finish()
     account = account_of(
         run,
         start,
-        modelled,
+        modeled,
         live,
         rung=rung,
         interval=effort.interval,
@@ -161,7 +161,7 @@ def _each_for_itself(
 
 
 def _fit_live(
-    run: Run, start: Start, modelled: AgedTexels, truth_of: Callable[[Tensor], AgedTexels]
+    run: Run, start: Start, modeled: AgedTexels, truth_of: Callable[[Tensor], AgedTexels]
 ) -> Fitted | None:
     """The live material, or None where none is near enough; said where it was asked for."""
     with run.timed("fit"):
@@ -169,7 +169,7 @@ def _fit_live(
         authored = None
         if start.format == PRINCIPLED and isinstance(start.material, PrincipledMaps):
             authored = authored_texels(start.material, start.size, start.covered)
-        live = fit_live(modelled, run.request.tolerance, truth_of, authored)
+        live = fit_live(modeled, run.request.tolerance, truth_of, authored)
     if live is None and run.request.binding == LIVE:
         run.warn(_NOT_LIVE)
     return live
@@ -178,7 +178,7 @@ def _fit_live(
 def _write(
     run: Run,
     start: Start,
-    modelled: AgedTexels,
+    modeled: AgedTexels,
     live: Fitted | None,
     times: list[float],
     interval: int,
@@ -186,7 +186,7 @@ def _write(
 ) -> tuple[Format, dict[str, Any]]:
     """Write the live material or the frames; returns their format and `files` of `aged.json`."""
     covered, size, wanted = start.covered, start.size, start.format
-    aged = modelled if covered is None else start.texels.beside(modelled, covered)
+    aged = modeled if covered is None else start.texels.beside(modeled, covered)
     if live is not None:
         format, files = write_live(live.sum, aged, size, wanted, staged, start.apart)
     else:

@@ -90,7 +90,7 @@ class Told(NamedTuple):
 AUTO: Final = "auto"
 """Of several settings: let the run choose."""
 
-# How much of the material is modelled.
+# How much of the material is modeled.
 DRAFT: Final = "draft"
 BALANCED: Final = "balanced"
 EXACT: Final = "exact"

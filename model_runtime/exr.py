@@ -37,7 +37,7 @@ def check_size(path: Path, width: int, height: int) -> None:
 
 
 def read_exr(path: Path) -> Pixels:
-    """[H, W] or [H, W, 3] of the first part's colour, luminance or only channel."""
+    """[H, W] or [H, W, 3] of the first part's color, luminance or only channel."""
     with path.open("rb") as stream:  # paths themselves must be UTF-8 for OpenEXR
         header = OpenEXR.File(stream, header_only=True).header()
         names, (height, width) = _what_to_read(path, header)

@@ -1,6 +1,6 @@
 """Images in and out: JPEG, PNG, TIFF and EXR to float32 arrays, and arrays to half-float EXR.
 
-Row 0 is the top row; colours are linear Rec.709. Nothing here keeps state, so threads may read
+Row 0 is the top row; colors are linear Rec.709. Nothing here keeps state, so threads may read
 and write side by side; but OpenEXR holds the interpreter while it codes, so they gain little.
 """
 
@@ -63,10 +63,10 @@ _COMPRESSIONS = {"none": OpenEXR.NO_COMPRESSION, "zip": OpenEXR.ZIP_COMPRESSION}
 
 
 def read_image(path: str | Path, *, color: bool) -> Pixels:
-    """Read an image file as [H, W, 3] linear colour or, where not `color`, as [H, W] data.
+    """Read an image file as [H, W, 3] linear color or, where not `color`, as [H, W] data.
 
-    Integer formats are scaled to 0..1, and colour is decoded from sRGB; floats are taken as they
-    are. Alpha is dropped, grey is repeated as colour, and coloured data count by their luminance,
+    Integer formats are scaled to 0..1, and color is decoded from sRGB; floats are taken as they
+    are. Alpha is dropped, gray is repeated as color, and colored data count by their luminance,
     as in Blender. Raises InputError where the file is missing, damaged, of another format or has
     more than 16384 pixels a side.
     """
@@ -207,11 +207,11 @@ def _codes(path: Path) -> np.ndarray:
             if wide.min() < 0 or wide.max() > 65535:
                 raise ValueError("integers of more than 16 bits")
             return wide.astype(np.uint16)
-        grey = image.mode in ("1", "L", "LA")
-        high = np.asarray(image.convert("L" if grey else "RGB"))
+        gray = image.mode in ("1", "L", "LA")
+        high = np.asarray(image.convert("L" if gray else "RGB"))
     if raw_mode not in _OTHER_BYTES:
         return high
-    # Of 16-bit colour Pillow keeps the high bytes only, unless its decoder is told that the file
+    # Of 16-bit color Pillow keeps the high bytes only, unless its decoder is told that the file
     # has the other byte order: then it keeps the low ones.
     with Image.open(path, formats=_FORMATS) as image:
         image.tile = [tile._replace(args=_renamed(tile.args, raw_mode)) for tile in image.tile]

@@ -1,7 +1,7 @@
-"""Materials as maps: what travels between reading, ageing and writing.
+"""Materials as maps: what travels between reading, aging and writing.
 
 Every map is a float32 array whose row 0 is the top row; one value throughout may be a broadcast
-view. All maps of a material have one size, and 1 x 1 means a uniform material. Colours are linear
+view. All maps of a material have one size, and 1 x 1 means a uniform material. Colors are linear
 Rec.709.
 """
 
@@ -81,7 +81,7 @@ class TorranceSparrowMaps(_SizedMaps):
 
 @dataclass(frozen=True)
 class PrincipledMaps(_SizedMaps):
-    """The sockets of Blender's Principled BSDF that ageing reads.
+    """The sockets of Blender's Principled BSDF that aging reads.
 
     base_color:     [H, W, 3]
     metallic:       [H, W] 0 to 1

@@ -114,7 +114,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
 
 
 def _check_growth(given: dict[str, Any]) -> None:
-    """The fields that say how ageing grows over a surface: UsageError, or floats."""
+    """The fields that say how aging grows over a surface: UsageError, or floats."""
     for name, least, most, what in (
         ("pattern_size", SHORTEST_PATTERN, LONGEST_PATTERN, "meters"),
         ("amount", 0, 1, "the surface"),

@@ -111,14 +111,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def paint(place: Path) -> Path:
-    from tests.ageing import write_painted_steel
+    from tests.aging import write_painted_steel
 
     return write_painted_steel(place / "paint", 64)
 
 
 @pytest.fixture(scope="session")
 def steel(place: Path) -> Path:
-    from tests.ageing import write_torrance_sparrow
+    from tests.aging import write_torrance_sparrow
 
     return write_torrance_sparrow(place / "steel")
 

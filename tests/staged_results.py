@@ -1,4 +1,4 @@
-"""Results of a few grey frames, as a run leaves them, and what lies in and beside them."""
+"""Results of a few gray frames, as a run leaves them, and what lies in and beside them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from model_runtime.output.stored import StagedResult
 
-GREY = np.full((4, 4), 0.5, np.float32)
+GRAY = np.full((4, 4), 0.5, np.float32)
 
 
 def names(frames: int) -> list[str]:

@@ -1,4 +1,4 @@
-"""A worker without torch: the real protocol and checks around an ageing that paints flat colours.
+"""A worker without torch: the real protocol and checks around an aging that paints flat colors.
 
 Set `TVBRDF_WORKER` to this file.  It stands in for `model_runtime.age`, follows its contract
 (`AgeRequest`, `aged.json`, outputs that appear whole) and takes `TVBRDF_STUB_SECONDS`.  Needs the
@@ -57,7 +57,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
     request.output.parent.mkdir(parents=True, exist_ok=True)
     beside, _ = staging_places(request.output, secrets.token_hex(4))
     beside.mkdir()
-    reporter.warning("The stub paints flat colours.")
+    reporter.warning("The stub paints flat colors.")
     live = request.binding == LIVE
     files = _live(beside) if live else {}
     for frame in range(1, request.frames + 1):
@@ -84,7 +84,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "palette": 3,
         "plan": [f"Modeled 3 distinct BRDFs instead of {SIDE * SIDE}."],
         "fit_error": 0.0,
-        "warnings": ["The stub paints flat colours."],
+        "warnings": ["The stub paints flat colors."],
         "seconds": dict.fromkeys(("read", "onset", "model", *["fit"] * live, "write"), seconds / 4),
         "peak_rss_mb": 10,
         "files": files,

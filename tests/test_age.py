@@ -1,4 +1,4 @@
-"""What ageing writes, end to end, with the bundled rust model on small inputs.
+"""What aging writes, end to end, with the bundled rust model on small inputs.
 
 Nothing here depends on what the model has learned, except that steel rusts.
 """
@@ -28,7 +28,7 @@ from model_runtime.images import read_image
 from model_runtime.model_files.weights import ENCODER, ESTIMATOR, find_model
 from model_runtime.output import stored
 from model_runtime.request import request_from
-from tests.ageing import (
+from tests.aging import (
     PRINCIPLED,
     TORRANCE_SPARROW,
     Listener,
@@ -184,7 +184,7 @@ def test_another_process_gives_the_same_files_to_the_bit(painted: Aged, tmp_path
 class TestFormats:
     @pytest.mark.parametrize("name", ["torrance-sparrow", "principled-exact", "principled"])
     def test_the_same_material_in_each_format(self, tmp_path: Path, name: Any):
-        """Base colour (.5 .25 .1), metallic .4, level .5 by Kd = .6 base, Ks = .4 base + .024."""
+        """Base color (.5 .25 .1), metallic .4, level .5 by Kd = .6 base, Ks = .4 base + .024."""
         kd, ks = (0.3, 0.15, 0.06), (0.224, 0.124, 0.064)
         source = write_torrance_sparrow(tmp_path / "in", kd, ks, 0.25, 8)
         report = run(source, tmp_path / "out", frames=2, format=name)
@@ -223,7 +223,7 @@ class TestFormats:
         assert run(paint, tmp_path / "a", frames=1, size=8)["format"] == "principled"
         assert run(steel, tmp_path / "b", frames=1, size=8)["format"] == "torrance-sparrow"
 
-    def test_mono_specular_has_no_colour(self, tmp_path: Path):
+    def test_mono_specular_has_no_color(self, tmp_path: Path):
         source = write_torrance_sparrow(tmp_path / "in", ks=(0.6, 0.4, 0.2), size=8)
         run(source, tmp_path / "out", frames=3, specular="mono")
         ks = frames_of(tmp_path / "out", "ks", 3)
@@ -336,7 +336,7 @@ class TestInputThatChanges:
 
     @dataclass
     class Meddler(Listener):
-        """Does something to the input once the modelling has begun."""
+        """Does something to the input once the modeling has begun."""
 
         meddle: Callable[[], object] = lambda: None
 

@@ -1,4 +1,4 @@
-"""How ageing models: whatever the threads, the palette, the rung, the input and the onset."""
+"""How aging models: whatever the threads, the palette, the rung, the input and the onset."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from model_runtime.temporal.pace import Timing
-from tests.ageing import (
-    COLOURS,
+from tests.aging import (
+    COLORS,
     PRINCIPLED,
     TORRANCE_SPARROW,
     Listener,
@@ -37,7 +37,7 @@ from tests.ageing import (
 
 @pytest.fixture
 def floats(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, np.ndarray]]]:
-    """Runs an ageing and gives what it would write, before it is rounded to half floats."""
+    """Runs an aging and gives what it would write, before it is rounded to half floats."""
     threads = torch.get_num_threads()
 
     def aged(source: Path, output: Path, **options) -> dict[str, np.ndarray]:
@@ -276,12 +276,12 @@ class TestSparse:
                 used |= {file for file, _ in mix}
                 assert sum(weight for _, weight in mix) == pytest.approx(1)
                 rebuilt = sum(
-                    weight * read_image(tmp_path / "sparse" / file, color=name in COLOURS)
+                    weight * read_image(tmp_path / "sparse" / file, color=name in COLORS)
                     for file, weight in mix
                 )
                 assert psnr(np.sqrt(truth[k]), np.sqrt(rebuilt)) >= tolerance - 0.1
             np.testing.assert_array_equal(
-                read_image(tmp_path / "sparse" / f"{name}_0001.exr", color=name in COLOURS),
+                read_image(tmp_path / "sparse" / f"{name}_0001.exr", color=name in COLORS),
                 truth[0],
             )
         assert set(contents(tmp_path / "sparse")) == used | {"aged.json"}

@@ -18,7 +18,7 @@ from model_runtime.modelling.palette import appearance_psnr
 from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import load_estimator
 from model_runtime.temporal.ntm import NeuralTemporalModel
-from tests.ageing import Listener, contents, run
+from tests.aging import Listener, contents, run
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -96,25 +96,25 @@ class TestEstimator:
     """In place of the fit, where latents are rolled out."""
 
     @staticmethod
-    def modelled(rust, estimator, effort: Effort, *, tolerance: float = math.inf, **options):
+    def modeled(rust, estimator, effort: Effort, *, tolerance: float = math.inf, **options):
         change = Change(rust[0], "lstm_latents", rust[1], estimator, **options)
         return model_texels(texels(40), change, effort, tolerance=tolerance)
 
     def test_without_a_fit_it_is_asked_and_near_to_it(self, rust, estimator):
         draft = EFFORTS["draft"]
-        fitted = self.modelled(rust, estimator, replace(draft, fit=USUAL))
-        told = self.modelled(rust, estimator, draft)
+        fitted = self.modeled(rust, estimator, replace(draft, fit=USUAL))
+        told = self.modeled(rust, estimator, draft)
         assert not torch.equal(fitted.histories.states, told.histories.states)
         assert appearance_psnr(fitted.at(0.7), told.at(0.7)) > 35
         assert torch.equal(
-            self.modelled(rust, None, draft).histories.states, fitted.histories.states
+            self.modeled(rust, None, draft).histories.states, fitted.histories.states
         )
 
     def test_where_it_misses_the_tolerance_there_is_a_fit(self, rust, estimator):
         balanced = EFFORTS["balanced"]
-        fitted = self.modelled(rust, estimator, replace(balanced, fit=USUAL), tolerance=20)
+        fitted = self.modeled(rust, estimator, replace(balanced, fit=USUAL), tolerance=20)
         for tolerance, equal in ((20, False), (90, True)):
-            told = self.modelled(rust, estimator, balanced, tolerance=tolerance)
+            told = self.modeled(rust, estimator, balanced, tolerance=tolerance)
             same = torch.equal(fitted.histories.states[:, -1], told.histories.states[:, -1])
             assert same == equal, tolerance
 
@@ -128,21 +128,21 @@ class TestEstimator:
         )
         assert torch.equal(told.histories.states, fitted.histories.states)
 
-    def test_one_specular_colour(self, rust, estimator):
-        told = self.modelled(rust, estimator, EFFORTS["draft"], specular="mono")
+    def test_one_specular_color(self, rust, estimator):
+        told = self.modeled(rust, estimator, EFFORTS["draft"], specular="mono")
         ks = told.histories.states[..., 3:6]
         assert torch.equal(ks, ks[..., :1].expand_as(ks))
 
     def test_exact_does_not_ask_it(self, rust, estimator):
         exact = replace(EFFORTS["exact"], samples=None)
         assert torch.equal(
-            self.modelled(rust, estimator, exact).histories.states,
-            self.modelled(rust, None, exact).histories.states,
+            self.modeled(rust, estimator, exact).histories.states,
+            self.modeled(rust, None, exact).histories.states,
         )
 
 
 def test_a_foreign_material_is_given_the_affine_rung(rust):
     ntm = rust[0]
-    known = ntm.domain.centres[:500].square()
+    known = ntm.domain.centers[:500].square()
     assert ntm.suited(known) == (ntm.chosen, 0.0)
     assert ntm.suited(torch.full((9, 7), 3.9)) == ("affine", 1.0)

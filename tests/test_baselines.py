@@ -106,9 +106,9 @@ def test_stt_scales_the_diffuse_history_alone():
 def test_stt_does_not_divide_by_black():
     source = cubics(uniform_times(8))
     source.kd[0, 3, 4] = 0
-    grey = TorranceSparrowMaps(*(stacked(source)[0, ..., s] for s in (slice(3), slice(3, 6), 6)))
-    grey.kd[3, 4] = 1e-4
-    estimate = stt.fit(source).synthesize(grey, source.times)
+    gray = TorranceSparrowMaps(*(stacked(source)[0, ..., s] for s in (slice(3), slice(3, 6), 6)))
+    gray.kd[3, 4] = 1e-4
+    estimate = stt.fit(source).synthesize(gray, source.times)
     assert np.isfinite(estimate.kd).all()
     assert np.abs(estimate.kd).max() < 2
 

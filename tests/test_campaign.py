@@ -1,4 +1,4 @@
-"""The fault campaign: its judge recognises every kind of fault, and a short one runs."""
+"""The fault campaign: its judge recognizes every kind of fault, and a short one runs."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ PLANTED = {
 
 
 @pytest.mark.parametrize("name", PLANTED)
-def test_a_planted_fault_is_recognised(name: str):
+def test_a_planted_fault_is_recognized(name: str):
     fault, evidence = PLANTED[name]
     assert fault in faults(evidence)
 

@@ -14,7 +14,7 @@ import torch
 
 from model_runtime.model_files.weights import save_model
 from model_runtime.output.stored import StagedResult
-from tests.ageing import write_painted_steel
+from tests.aging import write_painted_steel
 
 ROOT = Path(__file__).resolve().parents[1]
 STUB = Path(__file__).with_name("stub_worker.py")
@@ -40,7 +40,7 @@ def test_json_on_stdout_and_nothing_else_there(tmp_path: Path):
     assert json.loads(done.stdout) == json.loads((out / "aged.json").read_text())
     assert "100%" in done.stderr or "writing" in done.stderr
     assert "a library prints this" in done.stderr
-    assert "Warning: The stub paints flat colours." in done.stderr
+    assert "Warning: The stub paints flat colors." in done.stderr
 
 
 def test_without_json_a_sentence(tmp_path: Path):

@@ -117,7 +117,7 @@ def test_without_an_onset_the_age_is_the_time():
         torch.testing.assert_close(without.at(time), zero.at(time), rtol=1e-6, atol=1e-7)
 
 
-def test_at_the_modelled_ages_an_entry_follows_its_history_to_the_end():
+def test_at_the_modeled_ages_an_entry_follows_its_history_to_the_end():
     texels = aged(onset=None)
     texels = AgedTexels(
         texels.palette.entries,

@@ -24,7 +24,7 @@ from model_runtime.contract import (
     is_result_file,
 )
 from model_runtime.messages import Done, Failed, Progress, Ready, Reply, Request
-from tests.ageing import write_painted_steel
+from tests.aging import write_painted_steel
 from tests.test_serve import ROOT, STUB
 
 

@@ -91,10 +91,10 @@ def halved(corners: np.ndarray) -> np.ndarray:
 
 
 def nearest(pieces: np.ndarray) -> float | None:
-    """The least depth among the pieces whose centres lie in the picture."""
-    centres = pieces.mean(1)
-    depth = -centres[:, 2]
-    within = (depth > NEAR) & (np.abs(centres[:, :2]).max(1) <= depth)
+    """The least depth among the pieces whose centers lie in the picture."""
+    centers = pieces.mean(1)
+    depth = -centers[:, 2]
+    within = (depth > NEAR) & (np.abs(centers[:, :2]).max(1) <= depth)
     return depth[within].min(initial=np.inf) if within.any() else None
 
 

@@ -1,4 +1,4 @@
-"""Ageing on another device than the CPU, as far as that can be seen without one.
+"""Aging on another device than the CPU, as far as that can be seen without one.
 
 "meta" is a device that keeps shapes and no values: it refuses, as a GPU does, to mix its tensors
 with the CPU's.
@@ -20,7 +20,7 @@ from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import ParameterEstimator
 from model_runtime.representation.latents import Representation
 from model_runtime.temporal.ntm import NeuralTemporalModel
-from tests.ageing import run
+from tests.aging import run
 
 META = torch.device("meta")
 STATES = torch.rand(9, 7, generator=torch.Generator().manual_seed(0)).clamp_min(0.01)

@@ -39,7 +39,7 @@ def write_ntm(path: Path, process: str, known: Domain) -> None:
     tensors = {
         "affine.gain": torch.ones(2, 7),
         "affine.offset": torch.zeros(2, 7),
-        "domain.centres": known.centres,
+        "domain.centres": known.centers,
         "domain.radii": known.radii,
         **{f"parameters.{k}": v for k, v in ParameterLSTM().state_dict().items()},
         **{f"latents.{k}": v for k, v in LatentLSTM(12, 8).state_dict().items()},
@@ -110,6 +110,6 @@ class TestReport:
 
     def test_a_damaged_model_is_a_sentence(self, data_folder: Path, tmp_path: Path):
         known = domain("moss")
-        write_ntm(tmp_path / "a.safetensors", "moss", Domain(known.centres, known.radii[:5]))
+        write_ntm(tmp_path / "a.safetensors", "moss", Domain(known.centers, known.radii[:5]))
         with pytest.raises(ModelFileError, match=r"a\.safetensors"):
             domain_roc(list_models((tmp_path,)), data_folder)

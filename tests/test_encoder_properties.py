@@ -54,11 +54,11 @@ def sphere(data_folder: Path) -> Sphere:
     return Sphere.load(data_folder / "hdri", pixels=16, height=16, width=32)
 
 
-class TestColourPermutation:
-    """It permutes the colour latents and the decoded channels, and changes nothing else."""
+class TestColorPermutation:
+    """It permutes the color latents and the decoded channels, and changes nothing else."""
 
     def check(self, model: Trained, group: Group) -> None:
-        changes = properties.colour_permutation(model, group)
+        changes = properties.color_permutation(model, group)
         for name in ("shared", "color", "decoded"):
             assert changes[name] < 1e-5, name
             assert changes[f"exact_{name}"] < 1e-11, name
@@ -75,10 +75,10 @@ class TestColourPermutation:
         self.check(model, measured)
 
     def test_what_depends_on_the_order_is_noticed(self, analytic: Group):
-        """BRDFNPs has no colour latents: all that it knows changes."""
+        """BRDFNPs has no color latents: all that it knows changes."""
         torch.manual_seed(0)
         joint = build("brdfnps").eval().requires_grad_(False)
-        assert properties.colour_permutation(joint, analytic.first(4))["exact_shared"] > 0.01
+        assert properties.color_permutation(joint, analytic.first(4))["exact_shared"] > 0.01
 
 
 class TestReciprocity:
@@ -236,7 +236,7 @@ def test_parameters_are_as_good_as_samples(model: Trained, sphere: Sphere):
 
 
 def test_latents_of_similar_materials_are_near(model: Trained, sphere: Sphere):
-    assert properties.neighbourhood(model, sphere)["rank_correlation"] > 0.6
+    assert properties.neighborhood(model, sphere)["rank_correlation"] > 0.6
 
 
 def test_distances_that_mean_nothing_do_not_correlate(sphere: Sphere):
@@ -253,7 +253,7 @@ def test_distances_that_mean_nothing_do_not_correlate(sphere: Sphere):
             noise = torch.randn(len(f), 12, generator=g)
             return damages.Latents(noise.new_zeros(len(f), 3, 0), noise)
 
-    found = properties.neighbourhood(Anything(), sphere)  # pyright: ignore[reportArgumentType]
+    found = properties.neighborhood(Anything(), sphere)  # pyright: ignore[reportArgumentType]
     assert abs(found["rank_correlation"]) < 0.2
 
 
@@ -262,12 +262,12 @@ def test_everything_is_ready_for_json(model: Trained, data_folder: Path):
     report = properties.measure_properties(model, data_folder, pixels=4)
     assert json.loads(json.dumps(report, allow_nan=False)) == report
     assert set(report) == {
-        "colour_permutation",
+        "color_permutation",
         "reciprocity",
         "range",
         "energy",
         "agreement",
-        "neighbourhood",
+        "neighborhood",
         "short_cut",
         "stability",
     }

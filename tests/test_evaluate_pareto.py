@@ -16,7 +16,7 @@ from model_runtime.age import AgeRequest
 from model_runtime.errors import UsageError
 from tests.saved_figures import points_of, rounded, saved_figures
 from training.__main__ import main
-from training.evaluation.bench.ageing import age_silently
+from training.evaluation.bench.aging import age_silently
 from training.evaluation.bench.kept import kept_json
 from training.evaluation.pareto.chart import draw_chart
 from training.evaluation.pareto.evaluate import evaluate_pareto
@@ -172,7 +172,7 @@ class TestExact:
     def test_quality_exact_is_as_near_as_halves_and_fewer_texels_allow(
         self, data_folder: Path, tmp_path: Path
     ):
-        """The command itself, on a whole map, against what is modelled of some of its texels."""
+        """The command itself, on a whole map, against what is modeled of some of its texels."""
         material = data_folder / "pbr" / MATERIAL
         found = exact_texels(
             material, "rust", "auto", size=16, frames=6, texels=50, folder=tmp_path / "kept"
@@ -205,7 +205,7 @@ class TestExact:
         )
 
     def test_a_ramp_stays_a_ramp_on_a_smaller_map(self):
-        """Column x of 8 has its centre at (x + 0.5) / 8: between those of 4 columns."""
+        """Column x of 8 has its center at (x + 0.5) / 8: between those of 4 columns."""
         ramp = np.broadcast_to((np.arange(4, dtype=np.float32) + 0.5) / 4, (2, 4))
         inner = np.arange(1, 7)
         np.testing.assert_allclose(interpolated(ramp, (4, 8), inner), (inner + 0.5) / 8, rtol=1e-6)

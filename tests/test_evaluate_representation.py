@@ -250,7 +250,7 @@ def test_missing_weights_and_unknown_names_are_said(tmp_path: Path, data_folder:
         evaluate_representation(data_folder, tmp_path, methods=("ours",), sets=("merl",))
 
 
-def test_colours_and_markers_of_methods_differ():
+def test_colors_and_markers_of_methods_differ():
     assert len({LOOKS[name].color for name in METHODS}) == len(METHODS)
     assert len({LOOKS[name].marker for name in METHODS}) == len(METHODS)
 

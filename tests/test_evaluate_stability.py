@@ -16,7 +16,7 @@ from model_runtime.errors import UsageError
 from model_runtime.images import write_exr
 from model_runtime.model_files.weights import ENCODER
 from model_runtime.representation import load_representation
-from tests.ageing import frames_of, run
+from tests.aging import frames_of, run
 from training.data.weathering import generate
 from training.evaluation.stability.evaluate import STRESSES, evaluate_stability
 from training.evaluation.stability.restart import killed_training
@@ -50,7 +50,7 @@ def report(data_folder: Path, output: Path) -> StabilityReport:
 
 class TestStresses:
     def test_everything_that_was_asked_for_is_there(self):
-        asked = """roughness_gap colour_gap alpha_small alpha_large ks_above_1 albedo_zero
+        asked = """roughness_gap color_gap alpha_small alpha_large ks_above_1 albedo_zero
             albedo_above_1 foreign_mixed foreign_part rollout resampled samples noise bits jpeg
             precision nan infinite negative broken_texel palette source_frames source_gap
             source_flicker source_outlier restart"""
@@ -156,7 +156,7 @@ class TestReport:
 
 class TestProduct:
     def test_one_absurd_texel_leaves_all_others_as_they_were(self, tmp_path):
-        """Its neighbours in the map and those who share its entry alike."""
+        """Its neighbors in the map and those who share its entry alike."""
         rng = np.random.default_rng(0)
         maps = {
             "kd": rng.uniform(0.02, 0.06, (16, 16, 3)),

@@ -17,7 +17,7 @@ from model_runtime.model_files.weights import save_model
 from model_runtime.representation import build
 from tests.saved_figures import saved_figures, texts_of
 from training.data.sequences import MixtureSequence, Sequence
-from training.evaluation.bench.ageing import texels_of
+from training.evaluation.bench.aging import texels_of
 from training.evaluation.bench.charts import LOOKS
 from training.evaluation.bench.spheres import TexturedSphere
 from training.evaluation.synthesis import scoring as synthesis_scoring
@@ -355,8 +355,8 @@ class TestStatistics:
     def spots(self, seed: int, share: float, size: int = 48) -> np.ndarray:
         rng = np.random.default_rng(seed)
         y, x = np.mgrid[:size, :size]
-        centres = rng.random((12, 2)) * size
-        near = np.min([np.hypot(y - a, x - b) for a, b in centres], 0)
+        centers = rng.random((12, 2)) * size
+        near = np.min([np.hypot(y - a, x - b) for a, b in centers], 0)
         return (near < np.quantile(near, share)).astype(np.float32)
 
     def test_equal_maps_are_at_no_distance(self):

@@ -64,11 +64,11 @@ def test_hundreds_of_materials_are_recovered():
 
 
 unit = st.floats(0, 1)
-colour = st.tuples(unit, unit, unit)
+color = st.tuples(unit, unit, unit)
 
 
 @settings(deadline=None, max_examples=15)
-@given(st.lists(st.tuples(colour, colour, ALPHAS), min_size=1, max_size=12))
+@given(st.lists(st.tuples(color, color, ALPHAS), min_size=1, max_size=12))
 def test_any_material_is_recovered(materials):
     kd, ks, alpha = (np.array(values) for values in zip(*materials, strict=True))
     found = fit(kd, ks, alpha)
@@ -79,17 +79,17 @@ def test_any_material_is_recovered(materials):
 
 
 @settings(deadline=None, max_examples=10)
-@given(st.lists(st.tuples(colour, st.floats(0.01, 1), ALPHAS), min_size=1, max_size=12))
+@given(st.lists(st.tuples(color, st.floats(0.01, 1), ALPHAS), min_size=1, max_size=12))
 def test_mono_recovers_one_specular_for_all_channels(materials):
     kd, ks, alpha = (np.array(values) for values in zip(*materials, strict=True))
-    grey = np.repeat(ks[:, None], 3, 1)
-    found = fit(kd, grey, alpha, specular="mono")
+    gray = np.repeat(ks[:, None], 3, 1)
+    found = fit(kd, gray, alpha, specular="mono")
     np.testing.assert_allclose(found.kd, kd, atol=1e-3)
-    np.testing.assert_allclose(found.ks, grey, atol=1e-3)
+    np.testing.assert_allclose(found.ks, gray, atol=1e-3)
     np.testing.assert_allclose(found.alpha, alpha, rtol=1e-3)
 
 
-def test_mono_of_a_coloured_metal_is_grey_and_between():
+def test_mono_of_a_colored_metal_is_gray_and_between():
     found = fit((0.02, 0.02, 0.01), (0.95, 0.64, 0.35), 0.1, specular="mono")
     assert found.ks[0, 0] == found.ks[0, 1] == found.ks[0, 2]
     assert 0.35 < float(found.ks[0, 0]) < 0.95

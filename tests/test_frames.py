@@ -41,7 +41,7 @@ def authored(size: tuple[int, int] = SIZE) -> PrincipledMaps:
     return PrincipledMaps(base, metallic, one(0.5), roughness, one(1.5), one(1, 3))
 
 
-def ageing(maps: PrincipledMaps, seed: int = 1) -> AgedTexels:
+def aging(maps: PrincipledMaps, seed: int = 1) -> AgedTexels:
     """Four histories that wander, starting at random times; a tenth of the texels never start."""
     start = principled.forward(maps)
     flat = np.concatenate((start.kd, start.ks, start.alpha[..., None]), -1).reshape(-1, 7)
@@ -62,7 +62,7 @@ def whole(texels: AgedTexels, time: float, size: tuple[int, int] = SIZE) -> Torr
 
 @pytest.mark.parametrize("time", TIMES)
 def test_torrance_sparrow_maps_are_the_states(time: float) -> None:
-    texels = ageing(authored())
+    texels = aging(authored())
     maps = FrameMaps(texels, SIZE, "torrance-sparrow", None).at(time)
     for name, expected in vars(whole(texels, time)).items():
         np.testing.assert_array_equal(maps[name], expected.astype(np.float16), err_msg=name)
@@ -71,7 +71,7 @@ def test_torrance_sparrow_maps_are_the_states(time: float) -> None:
 @pytest.mark.parametrize("time", TIMES)
 def test_principled_maps_are_the_read_back_of_the_whole(time: float) -> None:
     material = authored()
-    texels = ageing(material)
+    texels = aging(material)
     maps = FrameMaps(texels, SIZE, "principled", material).at(time)
     expected = principled.read_back(whole(texels, time), material)
     for name, pixels in maps.items():
@@ -80,7 +80,7 @@ def test_principled_maps_are_the_read_back_of_the_whole(time: float) -> None:
 
 def test_frame_1_is_the_input_to_the_bit_and_stays_so_where_nothing_starts() -> None:
     material = authored()
-    texels = ageing(material)
+    texels = aging(material)
     maps = FrameMaps(texels, SIZE, "principled", material)
     assert texels.onset is not None
     still = (texels.onset == 1).numpy().reshape(SIZE)
@@ -91,7 +91,7 @@ def test_frame_1_is_the_input_to_the_bit_and_stays_so_where_nothing_starts() -> 
 
 
 def test_frames_may_be_asked_for_in_any_order() -> None:
-    maps = FrameMaps(ageing(authored()), SIZE, "torrance-sparrow", None)
+    maps = FrameMaps(aging(authored()), SIZE, "torrance-sparrow", None)
     before = maps.at(0.3)
     maps.at(1.0)
     for name, pixels in maps.at(0.3).items():
@@ -99,7 +99,7 @@ def test_frames_may_be_asked_for_in_any_order() -> None:
 
 
 def test_exact_maps_and_what_they_cannot_hold() -> None:
-    texels = ageing(authored())
+    texels = aging(authored())
     assert maps_of(texels, authored(), SIZE, "principled-exact", TIMES).format == "torrance-sparrow"
     small = texels.select(torch.arange(6))
     small.initial[:] = torch.tensor((0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.3))
@@ -112,7 +112,7 @@ def test_exact_maps_and_what_they_cannot_hold() -> None:
 
 def test_a_uniform_material_is_one_texel() -> None:
     material = authored((1, 1))
-    maps = FrameMaps(ageing(material), (1, 1), "principled", material)
+    maps = FrameMaps(aging(material), (1, 1), "principled", material)
     assert {name: pixels.shape for name, pixels in maps.at(1.0).items()} == {
         "base_color": (1, 1, 3), "metallic": (1, 1), "specular": (1, 1), "roughness": (1, 1)
     }  # fmt: skip
@@ -120,7 +120,7 @@ def test_a_uniform_material_is_one_texel() -> None:
 
 def test_sampled_texels_are_those_of_the_whole() -> None:
     material = authored((3, 5))
-    maps = FrameMaps(ageing(material), (3, 5), "principled", material)
+    maps = FrameMaps(aging(material), (3, 5), "principled", material)
     for name, pixels in maps.sampled(0).at(0.6).items():
         np.testing.assert_array_equal(
             pixels[:, 0], maps.at(0.6)[name].reshape(15, *pixels.shape[2:])
@@ -128,7 +128,7 @@ def test_sampled_texels_are_those_of_the_whole() -> None:
 
 
 def test_a_spot_that_no_sample_meets_is_stored_all_the_same(tmp_path: Path) -> None:
-    texels = ageing(authored((300, 300)))
+    texels = aging(authored((300, 300)))
     spot = 12_345
     assert texels.onset is not None
     texels.onset[:] = 1
@@ -151,7 +151,7 @@ def test_a_spot_that_no_sample_meets_is_stored_all_the_same(tmp_path: Path) -> N
 @pytest.mark.parametrize("at_once", [False, True])
 def test_frames_between_the_aged_ones_go_straight(count: int, at_once: bool) -> None:
     material = authored((3, 5))
-    texels = ageing(material)
+    texels = aging(material)
     assert texels.onset is not None
     onset = texels.onset.numpy().reshape(3, 5)
     onset[0, 0] = 1  # to the bit the time of an aged frame
@@ -178,7 +178,7 @@ def test_frames_between_the_aged_ones_go_straight(count: int, at_once: bool) -> 
 
 def test_starts_that_are_known_come_nearer_than_a_fade() -> None:
     material = authored((30, 50))
-    texels = ageing(material)
+    texels = aging(material)
     times = np.linspace(0, 1, 10).tolist()
     maps = FrameMaps(texels, (30, 50), "torrance-sparrow", None)
     frames = Frames(maps, times, interval=3)
@@ -196,7 +196,7 @@ def test_starts_that_are_known_come_nearer_than_a_fade() -> None:
 
 def test_each_aged_frame_is_aged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     material = authored((3, 5))
-    maps = FrameMaps(ageing(material), (3, 5), "principled", material)
+    maps = FrameMaps(aging(material), (3, 5), "principled", material)
     aged: list[float] = []
     planes = FrameMaps.planes
     monkeypatch.setattr(

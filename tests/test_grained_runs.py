@@ -16,7 +16,7 @@ from model_runtime.images import read_image, write_exr
 from model_runtime.live.files import read_live
 from model_runtime.model_files.weights import load_model, save_model
 from model_runtime.modelling.palette import appearance_psnr
-from tests.ageing import (
+from tests.aging import (
     TORRANCE_SPARROW,
     contents,
     frames_of,

@@ -28,7 +28,7 @@ def exr(path: Path, channels: dict[str, np.ndarray]) -> Path:
 
 
 @pytest.mark.parametrize("extension", ["png", "tif", "tiff", "PNG"])
-def test_eight_bit_colour_is_decoded_and_data_are_not(tmp_path: Path, extension: str) -> None:
+def test_eight_bit_color_is_decoded_and_data_are_not(tmp_path: Path, extension: str) -> None:
     path = tmp_path / f"ramp.{extension}"
     codes = np.array([[[code] * 3 for code in SRGB]], np.uint8)
     Image.fromarray(codes).save(path)
@@ -67,7 +67,7 @@ def test_sixteen_bit_tiff_keeps_all_bits(tmp_path: Path, deflate: bool) -> None:
     )
 
 
-def test_alpha_is_dropped_and_grey_is_colour_too(tmp_path: Path) -> None:
+def test_alpha_is_dropped_and_gray_is_color_too(tmp_path: Path) -> None:
     rgba = np.array([[[255, 0, 0, 0], [0, 255, 0, 128]]], np.uint8)
     Image.fromarray(rgba).save(tmp_path / "a.png")
     assert read_image(tmp_path / "a.png", color=True).tolist() == [[[1, 0, 0], [0, 1, 0]]]
@@ -78,7 +78,7 @@ def test_alpha_is_dropped_and_grey_is_colour_too(tmp_path: Path) -> None:
     assert read_image(tmp_path / "p.png", color=True).tolist() == [[[1, 0, 0], [0, 1, 0]]]
 
 
-def test_coloured_data_count_by_luminance(tmp_path: Path) -> None:
+def test_colored_data_count_by_luminance(tmp_path: Path) -> None:
     Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]]], np.uint8)).save(tmp_path / "c.png")
     np.testing.assert_allclose(
         read_image(tmp_path / "c.png", color=False), [[0.2126, 0.7152]], rtol=1e-6
@@ -218,7 +218,7 @@ def test_what_pillow_makes_of_a_picture_is_read_without_a_word(
     turned[0x0112] = 6
     saved = {
         "palette.png": (whole.convert("P"), {"transparency": bytes(range(200))}),
-        "grey.png": (whole.convert("L"), {"transparency": 3}),
+        "gray.png": (whole.convert("L"), {"transparency": 3}),
         "color.png": (whole, {"transparency": (1, 2, 3)}),
         "animated.png": (whole, {"save_all": True, "append_images": [whole.rotate(180)]}),
         "cmyk.jpg": (whole.convert("CMYK"), {"quality": 100}),

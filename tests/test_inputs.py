@@ -16,7 +16,7 @@ from model_runtime.errors import InputError, UsageError
 from model_runtime.images import read_image, write_exr
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.reading.inputs import hash_input, read_input
-from tests.ageing import run
+from tests.aging import run
 
 
 def save(

@@ -18,7 +18,7 @@ from model_runtime.live.low_rank import at_ages
 from model_runtime.modelling.compose import AgedTexels
 from model_runtime.modelling.palette import Palette, appearance_psnr, build_palette
 from model_runtime.modelling.rollout import Histories
-from tests.ageing import (
+from tests.aging import (
     TORRANCE_SPARROW,
     Listener,
     contents,
@@ -114,7 +114,7 @@ def texels_of(change, count: int = 3000) -> AgedTexels:
 
 
 def fade(start: torch.Tensor) -> torch.Tensor:
-    """Toward a grey, each color at its own speed: affine at every age."""
+    """Toward a gray, each color at its own speed: affine at every age."""
     speed = torch.tensor((0.9, 0.7, 0.5, 0.3, 0.2, 0.1, 0.0))
     share = torch.linspace(0, 1, 8)[:, None] * speed
     return start[:, None] * (1 - share) + 0.3 * share

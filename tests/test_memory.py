@@ -12,7 +12,7 @@ import pytest
 from model_runtime import age
 from model_runtime.errors import InputError, OutOfMemoryError
 from model_runtime.memory import memory_in_words
-from tests.ageing import run
+from tests.aging import run
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -92,7 +92,7 @@ def test_between_entries_a_smooth_material_is_met(smooth_file: Path) -> None:
     assert error.max() < 0.05
 
 
-def test_unmeasured_neighbours_do_not_darken_the_rim(tmp_path: Path) -> None:
+def test_unmeasured_neighbors_do_not_darken_the_rim(tmp_path: Path) -> None:
     angles = merl.grid_angles()
     table = np.where(above_horizon(angles, margin=0.05)[..., None].numpy(), WHITE, -1.0)
     path = tmp_path / "white.binary"

@@ -20,7 +20,7 @@ from model_runtime.model_files.weights import ENCODER, read_card
 from model_runtime.representation import load_representation
 from model_runtime.temporal.models import Affine
 from model_runtime.temporal.ntm import NeuralTemporalModel
-from tests.ageing import run, write_torrance_sparrow
+from tests.aging import run, write_torrance_sparrow
 from tests.trainings import equal, kill_at
 from training import loop, ntm
 from training.checkpoint import DivergedError

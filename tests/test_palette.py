@@ -1,4 +1,4 @@
-"""How much is modelled: palettes that cover every texel, frames from which the others follow."""
+"""How much is modeled: palettes that cover every texel, frames from which the others follow."""
 
 from __future__ import annotations
 
@@ -85,9 +85,9 @@ class TestAppearance:
         def shown(kd: float) -> float:
             return (1 - math.exp(-2 * kd)) ** (1 / 2.8)
 
-        white, grey = (torch.tensor([[kd] * 3 + [0.0] * 3 + [0.5]]) for kd in (0.8, 0.4))
+        white, gray = (torch.tensor([[kd] * 3 + [0.0] * 3 + [0.5]]) for kd in (0.8, 0.4))
         expected = -20 * math.log10(shown(0.8) - shown(0.4))
-        assert appearance_psnr(white, grey) == pytest.approx(expected, abs=1e-3)
+        assert appearance_psnr(white, gray) == pytest.approx(expected, abs=1e-3)
 
     def test_farther_is_worse_and_values_out_of_range_count_as_clamped(self):
         states = texels(50)

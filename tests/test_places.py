@@ -19,7 +19,7 @@ from model_runtime.contract import REPORT
 from model_runtime.errors import OutputError
 from model_runtime.output import stored
 from model_runtime.output.stored import StagedResult, check_space
-from tests.staged_results import GREY, contents, leftovers, names, write
+from tests.staged_results import GRAY, contents, leftovers, names, write
 
 
 @pytest.fixture
@@ -208,7 +208,7 @@ def test_staged_files_that_others_change_are_noticed(tmp_path: Path, harm: str):
     def change() -> None:
         with StagedResult(folder) as staged:
             for name in names(3):
-                staged.write(name, GREY)
+                staged.write(name, GRAY)
             staged.finish()
             (staging,) = (path for path in tmp_path.iterdir() if path != folder)
             if harm == "delete":
@@ -227,7 +227,7 @@ def test_staged_files_that_others_change_are_noticed(tmp_path: Path, harm: str):
 
 def test_folders_made_for_a_result_that_does_not_come_go_again(tmp_path: Path):
     with StagedResult(tmp_path / "a" / "b" / "aged") as staged:
-        staged.write(names(1)[0], GREY)
+        staged.write(names(1)[0], GRAY)
     assert list(tmp_path.iterdir()) == []
 
 

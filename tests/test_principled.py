@@ -19,7 +19,7 @@ unit = st.floats(0, 1, width=32)
 color = st.tuples(unit, unit, unit)
 tints = st.one_of(st.just((1.0, 1.0, 1.0)), color, st.just((0.0, 0.0, 0.0)))
 metals = st.one_of(unit, st.sampled_from([0.0, 1.0, 0.001, 0.999]))
-colors = st.one_of(color, unit.map(lambda grey: (grey,) * 3), st.just((1.0, 1.0, 1.0)))
+colors = st.one_of(color, unit.map(lambda gray: (gray,) * 3), st.just((1.0, 1.0, 1.0)))
 iors = st.one_of(st.floats(1, 3, width=32), st.sampled_from([1.0, 1.5, 17.94]))
 
 
@@ -117,11 +117,11 @@ def test_whatever_principled_can_represent_is_met_within_a_percent(
 
 @pytest.mark.parametrize("before", [None, 0.0, 1.0])
 @pytest.mark.parametrize("after", [None, 0.0, 1.0, 0.999])
-@pytest.mark.parametrize("grey", [False, True])
-def test_many_materials_are_met_within_a_percent(before, after, grey: bool) -> None:
+@pytest.mark.parametrize("gray", [False, True])
+def test_many_materials_are_met_within_a_percent(before, after, gray: bool) -> None:
     authored = random_materials(100_000, 1, before)
     aged_material = replace(random_materials(100_000, 2, after), ior=authored.ior)
-    if grey:
+    if gray:
         flat = np.repeat(aged_material.base_color[..., :1], 3, -1)
         aged_material = replace(aged_material, base_color=flat)
     aged = principled.forward(aged_material)
@@ -130,7 +130,7 @@ def test_many_materials_are_met_within_a_percent(before, after, grey: bool) -> N
     assert_within_a_percent(principled.forward(found), aged)
 
 
-def test_where_colour_tells_the_metallic_it_is_found() -> None:
+def test_where_color_tells_the_metallic_it_is_found() -> None:
     # Copper turned to green patina, and painted plastic worn to steel-blue metal: one answer only.
     authored = material([(0.9, 0.5, 0.3), (0.1, 0.4, 0.1)], [1.0, 0.0])
     aged_material = material([(0.2, 0.5, 0.4), (0.5, 0.6, 0.7)], [0.0, 1.0], [0.3, 0.5], 0.7)
@@ -141,7 +141,7 @@ def test_where_colour_tells_the_metallic_it_is_found() -> None:
     np.testing.assert_allclose(found.roughness, 0.7, rtol=1e-6)
 
 
-def test_where_colour_is_silent_the_authored_metallic_stays() -> None:
+def test_where_color_is_silent_the_authored_metallic_stays() -> None:
     authored = material([(0.5, 0.5, 0.5)] * 2, [0.05, 0.0])
     darker = principled.forward(material([(0.4, 0.4, 0.4)] * 2, [0.05, 0.0]))
     found = principled.read_back(darker, authored)
@@ -190,12 +190,12 @@ def test_anything_else_stays_finite_and_in_range(
         assert ((value >= 0) & (value <= 1)).all()
 
 
-@pytest.mark.parametrize("grey", [0.0, 0.2, 0.5, 0.9])
+@pytest.mark.parametrize("gray", [0.0, 0.2, 0.5, 0.9])
 @pytest.mark.parametrize("level", [0.7, 0.9, 1.0])
-def test_what_no_metal_can_reflect_becomes_a_dielectric(level: float, grey: float) -> None:
-    # F0 above 1, as high an IOR as 17.94 gives: more than a base colour of 1 does.
+def test_what_no_metal_can_reflect_becomes_a_dielectric(level: float, gray: float) -> None:
+    # F0 above 1, as high an IOR as 17.94 gives: more than a base color of 1 does.
     authored = material([(1.0, 1.0, 1.0)], 1.0, 0.0, ior=17.94)
-    aged = principled.forward(material([(grey,) * 3], 0.0, level, ior=17.94))
+    aged = principled.forward(material([(gray,) * 3], 0.0, level, ior=17.94))
     found = principled.read_back(aged, authored)
     assert_within_a_percent(principled.forward(found), aged)
 
@@ -215,7 +215,7 @@ def test_a_level_authored_above_one_may_stay() -> None:
     assert_within_a_percent(principled.forward(found), aged)
 
 
-def test_result_does_not_depend_on_neighbours() -> None:
+def test_result_does_not_depend_on_neighbors() -> None:
     authored, aged = random_materials(30_001, 4), principled.forward(random_materials(30_001, 5))
     whole = principled.read_back(aged, authored)
     part = slice(17_003, 17_010)

@@ -103,13 +103,13 @@ def test_flat_and_back(model):
     back = latents.unflat(latents.flat())
     assert torch.equal(back.color, latents.color)
     assert torch.equal(back.shared, latents.shared)
-    # the flat layout is colour first, then what is shared; histories become rows
+    # the flat layout is color first, then what is shared; histories become rows
     both = torch.stack((latents.flat(), 2 * latents.flat()), 1)
     assert torch.equal(latents.unflat(both).shared[1], 2 * latents.shared[0])
 
 
 @pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1)])
-def test_permuted_channels_permute_the_colour_latents_and_nothing_else(model, order):
+def test_permuted_channels_permute_the_color_latents_and_nothing_else(model, order):
     one = encoded(model)
     other = encoded(model, lambda angles: materials(angles)[..., list(order)])
     torch.testing.assert_close(other.color, one.color[:, list(order)], rtol=1e-4, atol=1e-5)
@@ -117,7 +117,7 @@ def test_permuted_channels_permute_the_colour_latents_and_nothing_else(model, or
 
 
 @pytest.mark.parametrize("order", [(1, 0, 2), (2, 0, 1)])
-def test_permuted_colour_latents_decode_to_permuted_channels(lobes, order):
+def test_permuted_color_latents_decode_to_permuted_channels(lobes, order):
     latents = encoded(lobes)
     permuted = Latents(latents.color[:, list(order)], latents.shared)
     f = lobes.decode(latents, visible())
@@ -125,7 +125,7 @@ def test_permuted_colour_latents_decode_to_permuted_channels(lobes, order):
     torch.testing.assert_close(again, f[..., list(order)], rtol=1e-4, atol=1e-6)
 
 
-def test_a_grey_material_decodes_to_grey(lobes):
+def test_a_gray_material_decodes_to_gray(lobes):
     latents = encoded(lobes, lambda angles: materials(angles)[..., :1].expand(-1, -1, 3))
     f = lobes.decode(latents, visible())
     torch.testing.assert_close(f[..., 0], f[..., 1], rtol=1e-4, atol=1e-6)

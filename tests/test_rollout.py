@@ -27,7 +27,7 @@ BRIGHTEST = 3.0
 
 @pytest.fixture(scope="module")
 def materials() -> Tensor:
-    """States [10000, 7] of every colour, gloss and metalness; Kd + Ks at most 1."""
+    """States [10000, 7] of every color, gloss and metalness; Kd + Ks at most 1."""
     g = torch.Generator().manual_seed(0)
     states = torch.rand(COUNT, 7, generator=g)
     albedo = (states[:, :3] + states[:, 3:6]).amax(1, keepdim=True).clamp_min(1)

@@ -26,7 +26,7 @@ def still(name: str) -> list[list[list]]:
 
 
 @pytest.mark.parametrize(
-    ("texels", "modelled", "said"),
+    ("texels", "modeled", "said"),
     [
         (524_288, 214, "Modeled 214 distinct BRDFs instead of 524,288."),
         (524_288, 1, "Modeled 1 distinct BRDF instead of 524,288."),
@@ -34,9 +34,9 @@ def still(name: str) -> list[list[list]]:
         (1, 1, "Modeled one BRDF: the material is the same all over."),
     ],
 )
-def test_how_much_was_modelled(texels: int, modelled: int, said: str):
+def test_how_much_was_modeled(texels: int, modeled: int, said: str):
     files = {"kd": every("kd"), "alpha": every("alpha")}
-    assert savings(texels=texels, modelled=modelled, interval=1, files=files) == [said]
+    assert savings(texels=texels, modeled=modeled, interval=1, files=files) == [said]
 
 
 def test_which_frames_were_written():
@@ -46,7 +46,7 @@ def test_which_frames_were_written():
         "specular": still("specular"),
         "roughness": every("roughness"),
     }
-    assert savings(texels=9, modelled=2, interval=1, files=files)[1:] == [
+    assert savings(texels=9, modeled=2, interval=1, files=files)[1:] == [
         "Base color: wrote 2 of 4 frames.",
         "Metallic and specular do not change.",
     ]
@@ -54,15 +54,15 @@ def test_which_frames_were_written():
 
 def test_maps_alike_are_named_together():
     files = {name: between_ends(name) for name in ("kd", "ks", "alpha")}
-    assert savings(texels=9, modelled=2, interval=1, files=files)[1:] == [
+    assert savings(texels=9, modeled=2, interval=1, files=files)[1:] == [
         "Kd, ks and alpha: wrote 2 of 4 frames each."
     ]
     only = {"kd": still("kd")}
-    assert savings(texels=9, modelled=2, interval=1, files=only)[1:] == ["Kd does not change."]
+    assert savings(texels=9, modeled=2, interval=1, files=only)[1:] == ["Kd does not change."]
 
 
 def test_frames_that_are_interpolated():
     files = {"kd": every("kd")}
-    assert savings(texels=9, modelled=2, interval=3, files=files)[1:] == [
+    assert savings(texels=9, modeled=2, interval=3, files=files)[1:] == [
         "Aged one frame in 3; those between are interpolated."
     ]

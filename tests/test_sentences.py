@@ -32,7 +32,7 @@ def written(folder: Path, **changes: object) -> Path:
     return folder
 
 
-def test_what_was_modelled_written_and_said(tmp_path: Path):
+def test_what_was_modeled_written_and_said(tmp_path: Path):
     report = report_in(written(tmp_path))
     assert report.size == (512, 1024)
     assert report.sentences == (

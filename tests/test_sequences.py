@@ -18,7 +18,7 @@ from training.data.location import data_folder as find_data
 from training.data.sequences import MixtureSequence, Sequence, read_sequence
 from training.source.histories import source_histories
 
-CENTRE = (slice(80, 380), slice(80, 380))  # the crop of data/README.md
+CENTER = (slice(80, 380), slice(80, 380))  # the crop of data/README.md
 
 
 def write_frames(folder, *, frames=3, size=(4, 6), alpha_size=None):
@@ -91,9 +91,9 @@ def test_polynomials_by_hand(tmp_path):
 
 
 def test_rusting_iron_has_the_published_statistics(data_folder):
-    """The numbers of data/README.md for the centre of tvBTF45, at t = 0, .5 and 1."""
+    """The numbers of data/README.md for the center of tvBTF45, at t = 0, .5 and 1."""
     folder = data_folder / "tvbtf" / "tvBTF45"
-    raw = read_maps(folder, frames=3, crop=CENTRE, clamp=False)
+    raw = read_maps(folder, frames=3, crop=CENTER, clamp=False)
     kd = ((0.066, 0.075, 0.072), (0.090, 0.056, 0.041), (0.066, 0.052, 0.043))
     np.testing.assert_allclose(raw.kd.mean((1, 2)), kd, atol=6e-4)
     np.testing.assert_allclose(raw.ks.mean((1, 2, 3)), (0.216, 0.011, -0.002), atol=6e-4)
@@ -104,7 +104,7 @@ def test_rusting_iron_has_the_published_statistics(data_folder):
     np.testing.assert_allclose(np.median(whole.alpha, (1, 2)), (0.061, 0.188, 0.250), atol=6e-4)
     assert np.mean(whole.alpha[0] < 0) == pytest.approx(1e-4, abs=5e-5)
 
-    clamped = read_maps(folder, frames=3, crop=CENTRE)
+    clamped = read_maps(folder, frames=3, crop=CENTER)
     assert clamped.ks.min() == 0
     assert not clamped.out_of_range().any()
 

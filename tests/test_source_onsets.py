@@ -37,7 +37,7 @@ def alike(onset: np.ndarray, truth: np.ndarray) -> float:
     return float(np.corrcoef(onset.ravel(), truth.ravel())[0, 1])
 
 
-def grey(alpha: np.ndarray) -> Sequence:
+def gray(alpha: np.ndarray) -> Sequence:
     """A sequence [T, H, W] whose Kd and alpha are the same."""
     kd = np.repeat(alpha[..., None], 3, -1).astype(np.float32)
     times = uniform_times(len(alpha))
@@ -77,7 +77,7 @@ class TestEstimate:
         onset = (onset - onset.min()) / np.ptp(onset)
         rise = np.clip(uniform_times(36)[:, None, None] - onset, 0, 1)
         started = time.process_time()
-        found = estimate_onset(grey(0.1 + 0.5 * rise))
+        found = estimate_onset(gray(0.1 + 0.5 * rise))
         assert time.process_time() - started < 20
         assert found is not None and alike(found, onset) > 0.9
 
@@ -100,13 +100,13 @@ class TestEstimate:
         ids=["constant", "one texel", "two frames", "uniform", "out of range"],
     )
     def test_where_there_is_nothing_to_tell_there_is_none(self, alpha: np.ndarray):
-        assert estimate_onset(grey(alpha)) is None
+        assert estimate_onset(gray(alpha)) is None
 
     def test_texels_that_never_start(self):
         """Half of them jump at mid-time."""
         alpha = np.full((21, 10, 10), 0.1)
         alpha[10:, :5] = 0.6
-        onset = estimate_onset(grey(alpha))
+        onset = estimate_onset(gray(alpha))
         assert onset is not None
         assert np.abs(onset[:5] - 0.45).max() < 0.06
         assert onset[5:].min() >= 0.95
@@ -122,14 +122,14 @@ class TestTimed:
     def test_the_statistics_of_an_onset_are_measured(self):
         rng = np.random.default_rng(1)
         onset = gaussian_filter(rng.random((64, 64)), 3, mode="wrap").astype(np.float32)
-        sequence = timed(replace(grey(np.full((6, 64, 64), 0.3)), onset=onset))
+        sequence = timed(replace(gray(np.full((6, 64, 64), 0.3)), onset=onset))
         assert isinstance(sequence, Sequence) and sequence.timing is not None
         np.testing.assert_allclose(sequence.timing.onset[16], np.median(onset), atol=1e-4)
         assert set(sequence.timing.rate) == {1.0}
         assert sequence.timing.scale == pytest.approx(5 / 64, rel=0.15)
 
     def test_without_a_timing_everything_starts_at_once(self):
-        sequence = timed(grey(np.full((6, 4, 4), 0.3)))
+        sequence = timed(gray(np.full((6, 4, 4), 0.3)))
         assert isinstance(sequence, Sequence) and sequence.timing is not None
         assert sequence.onset is None
         assert sequence.timing.at_once

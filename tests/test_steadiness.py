@@ -10,7 +10,7 @@ import pytest
 
 from model_runtime.errors import ModelFileError
 from model_runtime.model_files.weights import MODELS, load_model, save_model
-from tests.ageing import run
+from tests.aging import run
 from training.data.kinetics import PROCESSES
 from training.data.sequences import MixtureSequence, Sequence, uniform_times
 from training.data.weathering import generate

@@ -13,7 +13,7 @@ from model_runtime.contract import REPORT
 from model_runtime.errors import OutputError
 from model_runtime.images import read_image
 from model_runtime.output.stored import StagedResult
-from tests.staged_results import GREY, contents, leftovers, names, write
+from tests.staged_results import GRAY, contents, leftovers, names, write
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def test_a_result_is_its_files_and_a_report(folder: Path):
 def test_nothing_appears_before_it_is_complete(folder: Path):
     with StagedResult(folder) as staged:
         for name in names(20):
-            staged.write(name, GREY)
+            staged.write(name, GRAY)
         staged.finish()
         assert not folder.exists()
         staged.commit({"files": {"alpha": names(20)}})
@@ -54,7 +54,7 @@ def test_a_failure_leaves_the_earlier_result(folder: Path):
     def fail() -> None:
         with StagedResult(folder) as staged:
             for name in names(5):
-                staged.write(name, GREY * 0)
+                staged.write(name, GRAY * 0)
             raise RuntimeError("halfway")
 
     with pytest.raises(RuntimeError, match="halfway"):
@@ -67,7 +67,7 @@ def test_leaving_without_commit_leaves_the_earlier_result(folder: Path):
     write(folder, 3)
     before = contents(folder)
     with StagedResult(folder) as staged:
-        staged.write("alpha_0001.exr", GREY * 0)
+        staged.write("alpha_0001.exr", GRAY * 0)
     assert contents(folder) == before
     assert leftovers(folder) == []
 
@@ -82,7 +82,7 @@ def test_a_shorter_result_leaves_no_frames_of_the_longer_one(folder: Path):
 def test_frames_of_a_sparse_result_go_too(folder: Path):
     with StagedResult(folder) as staged:
         for name in names(3):
-            staged.write(name, GREY)
+            staged.write(name, GRAY)
         mixes = [[[name, 1.0]] for name in names(3)]
         staged.commit({"files": {"alpha": mixes}})
     write(folder, 1)
@@ -251,7 +251,7 @@ class TestAbandoned:
 
     def test_unless_its_owner_lives(self, folder: Path):
         with StagedResult(folder) as staged:
-            staged.write("alpha_0001.exr", GREY)
+            staged.write("alpha_0001.exr", GRAY)
             write(folder, 2)
             staged.commit({"files": {"alpha": names(1)}})
         assert sorted(contents(folder)) == [REPORT, *names(1)]

@@ -16,7 +16,7 @@ from safetensors.torch import load_file
 from model_runtime.contract import LADDER
 from model_runtime.errors import ModelFileError
 from model_runtime.model_files.weights import save_model
-from model_runtime.temporal.domain import MOST_CENTRES, Domain
+from model_runtime.temporal.domain import MOST_CENTERS, Domain
 from model_runtime.temporal.models import Affine, Constant, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from model_runtime.temporal.pace import Timing
@@ -95,10 +95,10 @@ class TestLSTM:
             history = model.rollout(state, 9)
         torch.testing.assert_close(history, state[:, None].expand(-1, 9, -1), rtol=0, atol=1e-6)
 
-    def test_and_still_when_standardised(self, make):
+    def test_and_still_when_standardized(self, make):
         model = make()
         seen = torch.rand(200, 9, 7) * torch.tensor((1, 10, 0.1, 1, 5, 1, 0.01)) + 3
-        model.standardise(seen)
+        model.standardize(seen)
         torch.testing.assert_close(model.mean, seen.mean((0, 1)), rtol=1e-4, atol=1e-5)
         with torch.no_grad():
             history = model.rollout(seen[:20, 0], 9)
@@ -135,7 +135,7 @@ class TestLSTM:
         torch.testing.assert_close(alone, whole, rtol=1e-5, atol=1e-6)
 
 
-def test_colour_and_shared_latents_do_not_see_each_other():
+def test_color_and_shared_latents_do_not_see_each_other():
     """Two LSTMs, as in figure 4 of the paper."""
     torch.manual_seed(0)
     model = LatentLSTM(4, 3)
@@ -185,10 +185,10 @@ class TestDomain:
         redder[:, 4:6] *= 0.6
         assert bool(domain.outside(redder).all())
 
-    def test_distance_is_0_at_a_centre_and_1_at_the_border(self):
-        centre = torch.full((1, 7), 0.25)
-        domain = Domain(torch.cat((centre.sqrt(), torch.ones(1, 7))), torch.tensor((0.2, 0.1)))
-        away = centre.repeat(4, 1)
+    def test_distance_is_0_at_a_center_and_1_at_the_border(self):
+        center = torch.full((1, 7), 0.25)
+        domain = Domain(torch.cat((center.sqrt(), torch.ones(1, 7))), torch.tensor((0.2, 0.1)))
+        away = center.repeat(4, 1)
         away[:, 6] = torch.tensor((0.5, 0.6, 0.7, 0.8)).square()
         expected = torch.tensor((0, 0.5, 1.0, 1.5))
         torch.testing.assert_close(domain.distance(away), expected, rtol=1e-3, atol=1e-2)
@@ -202,14 +202,14 @@ class TestDomain:
 
     def test_the_same_materials_give_the_same_domain(self):
         one, other = (Domain.of(self.steels(500), seed=3) for _ in range(2))
-        assert torch.equal(one.centres, other.centres)
+        assert torch.equal(one.centers, other.centers)
         assert torch.equal(one.radii, other.radii)
 
     @pytest.mark.parametrize("n", [1, 2, 7, 14, 3000])
     def test_of_any_number_of_materials(self, n: int):
         domain = Domain.of(self.steels(n))
-        assert domain.centres.shape == (len(domain.radii), 7)
-        assert 0 < len(domain.radii) <= MOST_CENTRES
+        assert domain.centers.shape == (len(domain.radii), 7)
+        assert 0 < len(domain.radii) <= MOST_CENTERS
         assert bool((domain.radii >= 0.05).all())
         assert not bool(domain.outside(self.steels(n)[:1]).any())
         assert bool(domain.outside(torch.full((1, 7), 0.95)).all())

@@ -10,7 +10,7 @@ import pytest
 from model_runtime.errors import InputError, UsageError
 from model_runtime.images import read_image, write_exr
 from model_runtime.request import request_from
-from tests.ageing import run, write_painted_steel
+from tests.aging import run, write_painted_steel
 from tests.meshes import atlas_of, box
 from tests.test_surface_maps import write_vectors
 

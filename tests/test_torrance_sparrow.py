@@ -100,7 +100,7 @@ def test_finite_at_the_horizon(alpha: float):
 
 
 @pytest.mark.parametrize("alpha", [1e-4, 1e-3, 0.03, 0.2, 0.6, 1.0])
-def test_the_distribution_is_normalised(alpha: float):
+def test_the_distribution_is_normalized(alpha: float):
     """The projected area of all microfacets is 1: integral of D cos_h over half vectors.
 
     At theta_d = 0 the two directions are the half vector, so D = 4 cos^2 f / G1^2. tan theta =

@@ -17,7 +17,7 @@ from model_runtime.states import perceptual
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from model_runtime.temporal.onset import onset_map
 from model_runtime.temporal.wear import course_of
-from tests.ageing import frames_of, run
+from tests.aging import frames_of, run
 
 
 def ntm_of(name: str) -> NeuralTemporalModel:

@@ -1,4 +1,4 @@
-"""The procedural weathering sequences: broad starts, plausible colours, histories one can learn."""
+"""The procedural weathering sequences: broad starts, plausible colors, histories one can learn."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def tone_mapped(kd, ks, alpha):
     return 1 - np.exp(-2 * np.concatenate((even, even + 0.05 * np.minimum(ks * lobe, 20)), -1))
 
 
-def saturation(colour):
-    """How far the darkest channel lies below the brightest one: 0 for grey, 1 for pure."""
-    return np.ptp(colour, axis=-1) / colour.max(-1)
+def saturation(color):
+    """How far the darkest channel lies below the brightest one: 0 for gray, 1 for pure."""
+    return np.ptp(color, axis=-1) / color.max(-1)
 
 
 @pytest.fixture(scope="module", params=sorted(PROCESSES))
@@ -125,7 +125,7 @@ def test_wood_is_black_before_it_is_ash():
     toasted, black, ash = kd
     assert toasted[0] > 2 * toasted[2]  # brown,
     assert black.max() < 0.04  # then black,
-    assert ash.min() > 1.5 * black.max()  # then grey
+    assert ash.min() > 1.5 * black.max()  # then gray
     assert np.ptp(ash) < 0.2 * ash.max()
     assert alpha[-1] > alpha[1]
 
@@ -168,12 +168,12 @@ def test_red_dyes_fade_sooner_than_blue_ones():
     assert saturation(red) / before["red plastic"] < saturation(blue) / before["blue paint"]
 
 
-def test_soil_buries_colour_and_gloss():
+def test_soil_buries_color_and_gloss():
     ends = []
     for material in SPREADING["soiling"]:
         kd, ks, alpha = ages("soiling", material, AGES)
         red, green, blue = kd[-1]
-        assert red > green > blue  # a warm grey-brown,
+        assert red > green > blue  # a warm gray-brown,
         assert red < 1.9 * blue
         assert kd[-1].max() < 0.25  # dark,
         assert ks[-1].max() < 0.1 * ks[0].min()  # without a highlight

@@ -164,7 +164,7 @@ def evaluate(
 
     Args:
         what: the PSNR of BRDF representations on every set of materials, or of models of change on
-            every case of synthesis; speed against accuracy, and the time and memory of ageing; or
+            every case of synthesis; speed against accuracy, and the time and memory of aging; or
             under which stresses methods fail.
         output: the folder to write; what is finished there is not done again.
         pixels: width of the rendered spheres (fewer is faster and rougher); pareto ages maps 16

@@ -12,7 +12,7 @@ from model_runtime.representation.lobes import LobeRepresentation
 from model_runtime.states import joined
 
 from .data.analytic import random_torrance_sparrow
-from .loop import Schedule, adam, optimise
+from .loop import Schedule, adam, optimize
 
 __all__ = ("distil", "random_states")
 
@@ -45,4 +45,4 @@ def distil(model: LobeRepresentation, *, seed: int, iterations: int) -> None:
 
     weights = (weight for layer in layers for weight in layer.parameters())
     steps = tqdm(range(iterations), desc="parameters to latents")
-    optimise(loss, adam(weights), _SCHEDULE, steps, iterations)
+    optimize(loss, adam(weights), _SCHEDULE, steps, iterations)

@@ -63,7 +63,7 @@ class EncoderConfig:
     damaged: float
     """Share of the materials of which the encoder sees only a part, or sees it badly."""
     bent: float
-    """Share of the measured materials that are bent, mixed and recoloured."""
+    """Share of the measured materials that are bent, mixed and recolored."""
     torrance_sparrow: float
     """Share of a batch; half of it is measured, the rest Disney."""
     looks: int

@@ -98,7 +98,7 @@ def score(
     """Appearance PSNR in dB of histories that `ntm` did not see: the mean over the ages at which
     any was observed, as reports average over frames. (Of all ages at once the worst would decide.)
 
-    Parameters, and latents once fitted, are anchored as ageing anchors them and compared with the
+    Parameters, and latents once fitted, are anchored as aging anchors them and compared with the
     true ones. Where the truth is measured, no parameters hold it: BRDFs are compared, those of
     the rung on latents as decoded. Where no age was observed nothing is missed: 100 dB.
     """

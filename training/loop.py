@@ -21,7 +21,7 @@ from .checkpoint import load_checkpoint, save_checkpoint
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
 
-__all__ = ("Run", "Schedule", "Training", "adam", "optimise", "remove_checkpoints", "train")
+__all__ = ("Run", "Schedule", "Training", "adam", "optimize", "remove_checkpoints", "train")
 
 _LOGGED = 50  # iterations from one logged loss to the next
 _TRIALS = (3, 30)  # at least and at most, to measure the speed
@@ -51,7 +51,7 @@ def adam(parameters: Iterable[Tensor]) -> torch.optim.Adam:
     return torch.optim.Adam(parameters, betas=(0.9, 0.99))
 
 
-def optimise(
+def optimize(
     loss: Callable[[int], Tensor],
     optimizer: torch.optim.Optimizer,
     schedule: Schedule,
@@ -180,7 +180,7 @@ def train(training: Training, run: Run) -> dict[str, Any]:
             record.update(step=step + 1, seconds=time.process_time() - begun)
             save_checkpoint(run.checkpoint, record=record, **state)
 
-    optimise(training.loss, optimizer, training.schedule, bar, total, clip=1.0, after=after)
+    optimize(training.loss, optimizer, training.schedule, bar, total, clip=1.0, after=after)
     return record
 
 

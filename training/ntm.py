@@ -244,13 +244,13 @@ def train_lstm(
     model: Model
     if kind == "parameters":
         model, states, loss_of = ParameterLSTM(), source.parameters, _parameter_loss
-        model.standardise(states)
+        model.standardize(states)
     else:
         model, states = LatentLSTM(*representation.latent_sizes), source.latents
         faithful = isinstance(representation, PaperRepresentation)
         loss_of = _paper_loss if faithful else _latent_loss
         if not faithful:
-            model.standardise(states)
+            model.standardize(states)
     return model, _train(model, states, source.observed, loss_of, config, run.part(kind))
 
 
@@ -274,7 +274,7 @@ def _parameter_loss(estimate: Tensor, truth: Tensor, model: Model) -> Tensor:
 
 
 def _paper_loss(estimate: Tensor, truth: Tensor, model: LatentLSTM) -> Tensor:
-    """[B, T, D]: the paper's loss (section 3.2), colours compared after the inverse of l."""
+    """[B, T, D]: the paper's loss (section 3.2), colors compared after the inverse of l."""
     colors = model.sizes[0]
     seen = [inverse_log_transform(z[..., :colors].clamp_min(0)) for z in (estimate, truth)]
     shared = estimate[..., colors:] - truth[..., colors:]

@@ -71,7 +71,7 @@ _rates: Rates | None = None
 
 
 def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast | None:
-    """What ageing `material` will take; None until it has been looked at, soon after."""
+    """What aging `material` will take; None until it has been looked at, soon after."""
     uids = (material.session_uid, scene.session_uid)
     _ask(uids)
     settings = material.tvbrdf
@@ -98,7 +98,7 @@ def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast |
 
 
 def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> bool:
-    """Whether ageing `material` takes so long that a preview before it is welcome."""
+    """Whether aging `material` takes so long that a preview before it is welcome."""
     expected = forecast(material, scene)
     return expected is not None and expected.estimate.seconds > PREVIEW_SECONDS
 

@@ -1,6 +1,6 @@
 """What a run will take, from what the last ones took on this machine.  Imports no bpy.
 
-    seconds = overhead + model * (texels where every texel is modelled, else 1)
+    seconds = overhead + model * (texels where every texel is modeled, else 1)
               + write * frames * texels
     bytes = stored * frames * texels
 
@@ -34,7 +34,7 @@ _TELLING = 1_000_000
 
 @dataclass(frozen=True)
 class Work:
-    """What is asked for: `texels` a frame, `frames` frames, how they are modelled, and whether the
+    """What is asked for: `texels` a frame, `frames` frames, how they are modeled, and whether the
     shader is to make them (`live`).
     """
 
@@ -56,13 +56,13 @@ class Work:
 
     @property
     def kind(self) -> str:
-        """The name of its modelling rate."""
+        """The name of its modeling rate."""
         through = "latents" if self.temporal_model == LSTM_LATENTS else "parameters"
         return f"{self.quality} {through}"
 
     @property
-    def modelled(self) -> int:
-        """What its modelling rate is multiplied by."""
+    def modeled(self) -> int:
+        """What its modeling rate is multiplied by."""
         return self.texels if self.quality == EXACT else 1
 
 
@@ -117,9 +117,9 @@ class Rates:
 
     def of(self, work: Work) -> Estimate:
         """What `work` will probably take."""
-        modelling = self.model[work.kind] * work.modelled
+        modeling = self.model[work.kind] * work.modeled
         return Estimate(
-            seconds=self.overhead + modelling + self.write[work.writing] * work.written,
+            seconds=self.overhead + modeling + self.write[work.writing] * work.written,
             bytes=self.stored[work.writing] * work.written,
         )
 
@@ -131,7 +131,7 @@ class Rates:
         seconds: Mapping[Stage, float] = aged["seconds"]
         if not {"read", "onset", "model", "write"} <= seconds.keys():
             return self
-        model = _blend(self.model[work.kind], seconds["model"] / work.modelled)
+        model = _blend(self.model[work.kind], seconds["model"] / work.modeled)
         known = replace(
             self,
             overhead=_blend(self.overhead, seconds["read"] + seconds["onset"]),

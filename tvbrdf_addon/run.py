@@ -69,7 +69,7 @@ def plan(
     *,
     binding: str | None = None,
 ) -> Plan:
-    """What ageing `material` with its settings will do, bound as they say unless `binding` says
+    """What aging `material` with its settings will do, bound as they say unless `binding` says
     otherwise; looks, and changes nothing.
 
     It is read from the object called `object_name`, or else from one that shows it.

@@ -212,9 +212,9 @@ def _gauss_newton_step(
     a = weights.sum(1)
     mean_lobe = (weights * lobe).sum(1, keepdim=True) / a[:, None]
     mean_slope = (weights * slope).sum(1, keepdim=True) / a[:, None]
-    centred, moved = lobe - mean_lobe, slope - mean_slope
-    along = (weights * centred * moved).sum(1) / (weights * centred.square()).sum(1).clamp_min(tiny)
-    moved = moved - along[:, None] * centred
+    centerd, moved = lobe - mean_lobe, slope - mean_slope
+    along = (weights * centerd * moved).sum(1) / (weights * centerd.square()).sum(1).clamp_min(tiny)
+    moved = moved - along[:, None] * centerd
     missing = f - kd[:, None] / math.pi - ks[:, None] * lobe[..., None]
     gain = torch.einsum("nm,nmc,nc->n", weights * moved, missing, ks)
     return gain / ((weights * moved.square()).sum(1) * ks.square().sum(1)).clamp_min(tiny)

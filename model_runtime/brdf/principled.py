@@ -53,12 +53,12 @@ def forward(maps: PrincipledMaps) -> TorranceSparrowMaps:
 def read_back(aged: TorranceSparrowMaps, authored: PrincipledMaps) -> PrincipledMaps:
     """The Principled material nearest to `authored` that has the parameters `aged`.
 
-    Base colour, metallic, specular level and roughness change; IOR and specular tint stay. A texel
+    Base color, metallic, specular level and roughness change; IOR and specular tint stay. A texel
     whose Kd and Ks are those of `forward(authored)` to the bit keeps its sockets to the bit, and
     roughness does where alpha is. Elsewhere `forward` of the result is `aged` within 1 % wherever
-    some Principled material has these parameters, and close to them otherwise; base colour,
+    some Principled material has these parameters, and close to them otherwise; base color,
     metallic and roughness lie in 0 to 1, the level in 0 to 1 or, where it was authored above 1,
-    up to there (base colour likewise).
+    up to there (base color likewise).
     """
     assert aged.size == authored.size, f"{aged.size} is not {authored.size}"
     count = aged.size[0] * aged.size[1]
@@ -78,7 +78,7 @@ def read_back(aged: TorranceSparrowMaps, authored: PrincipledMaps) -> Principled
 
 
 def exact(aged: TorranceSparrowMaps) -> tuple[Pixels, Pixels, Pixels]:
-    """(base colour [H, W, 3], specular tint [H, W, 3], roughness [H, W]) of the exact mapping.
+    """(base color [H, W, 3], specular tint [H, W, 3], roughness [H, W]) of the exact mapping.
 
     Specular Tint = Ks / 0.8, Base Color = Kd / (1 - max_rgb Ks), Roughness = sqrt(alpha), with
     Metallic 0, IOR 17.94 and Specular IOR Level 0.5. Exact where `representable`, else clamped.
@@ -213,7 +213,7 @@ class _Texels:
         most = ks_along / along
         most[along <= 0] = 1
         np.minimum(most, 1 - _largest(np.divide(kd, most_base, out=scratch)), out=most)
-        # a full metal has Ks in its base colour alone
+        # a full metal has Ks in its base color alone
         beyond = (most == 1) & (_largest(np.subtract(ks, most_base, out=scratch)) > 0)
         np.minimum(most, other, out=most, where=beyond)
         np.minimum(metallic, most, out=metallic)

@@ -29,7 +29,7 @@ _ENTRIES = 2048  # from whose histories the shapes are drawn, where all texels a
 _SPREAD = 4096  # texels that tell how far they are from their entries
 _NEIGHBORS = 12  # entries from which a slope is taken
 _STIFFNESS = 0.03  # weight of no slope at all beside theirs
-_PARTS = 4  # of the step to the first modelled age
+_PARTS = 4  # of the step to the first modeled age
 _BAND = 1 << 14  # entries projected at a time
 _DARKEST = 0.01  # albedos below it count as it: nobody sees their last digits
 _ALIKE = 1e-8  # variance of a starting value below which no gain can be told from it
@@ -41,7 +41,7 @@ class LowRank:
     """Histories as y(a) = G(a) y(0) + O(a) + sum_k c_k V_k(a) (`Curves`), where a texel's c_k are
     those of its palette's entry and, nearby, follow their slope.
 
-    ages: [A] from 0 to 1, those that are modelled and some more before the first of them
+    ages: [A] from 0 to 1, those that are modeled and some more before the first of them
     gain, offset: [A, C]; shapes: [R, A, C]
     coefficients: [P, R] of the entries, each at most 1 in size; the first of them matter most, and
         any number of them is the best choice of as many
@@ -99,13 +99,13 @@ class LowRank:
 
 def at_ages(texels: AgedTexels) -> Tensor:
     """[n, A, C] with roughness of `texels` at all ages (`LowRank`), whatever their onset."""
-    ageing = replace(texels, onset=None, rate=None)
+    aging = replace(texels, onset=None, rate=None)
     ages = _ages(len(texels.gain)).tolist()
-    return with_roughness(torch.stack([ageing.at(age) for age in ages], 1))
+    return with_roughness(torch.stack([aging.at(age) for age in ages], 1))
 
 
 def _ages(count: int) -> Tensor:
-    """The `count` modelled ages and, of the step to the first, its parts.
+    """The `count` modeled ages and, of the step to the first, its parts.
 
     Much may happen in that step, and what goes straight in alpha bends in r.
     """

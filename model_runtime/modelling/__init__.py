@@ -1,1 +1,1 @@
-"""From maps to the histories of their texels, modelling no more of them than shows."""
+"""From maps to the histories of their texels, modeling no more of them than shows."""

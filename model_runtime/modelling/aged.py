@@ -1,4 +1,4 @@
-"""Texels modelled with as much effort as a quality allows."""
+"""Texels modeled with as much effort as a quality allows."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from .rollout import CPU, Histories, roll_out
 __all__ = ("EFFORTS", "Change", "Effort", "model_texels")
 
 _WORTHWHILE = 1.0  # dB that finer cells must gain to be made finer still
-_CHECKED = 128  # texels on which a palette is compared with each modelled for itself
+_CHECKED = 128  # texels on which a palette is compared with each modeled for itself
 _CHECKED_AT = (0.03, 0.1, 0.3, 0.6, 1.0)  # of time: the first ages show in all frames, as fronts
 
 
@@ -35,7 +35,7 @@ class Effort:
 
     step: width of a palette's cells (perceptual coordinates); 0 models every texel for itself
     most: entries of a palette; its cells are widened until no more are left
-    checked: whether texels modelled each for itself tell if the cells are fine enough
+    checked: whether texels modeled each for itself tell if the cells are fine enough
     samples: directions that the encoder is given; None takes its short cut from the parameters
     fit: what is spent on the fit of what was decoded; None lets an estimator tell what it finds
     interval: every so many frames each texel is aged; those between are interpolated
@@ -61,7 +61,7 @@ EFFORTS: Mapping[Quality, Effort] = {
 
 @dataclass(frozen=True)
 class Change:
-    """How texels change in a run: what those that are modelled share, whatever they start as.
+    """How texels change in a run: what those that are modeled share, whatever they start as.
 
     rung: of the ladder of `ntm`
     estimator: of the parameters of latents, where an effort has no fit; without one they are fitted
@@ -125,7 +125,7 @@ def model_texels(
     """Texels `initial` [n, C] with their histories under `change`.
 
     onset, rate, residues: as in `Change.aged`
-    tolerance: dB that a checked palette is to reach against texels modelled and fitted each for
+    tolerance: dB that a checked palette is to reach against texels modeled and fitted each for
         itself. Where estimates miss it they are replaced by fits, and where the palette does its
         cells are halved as long as that helps; what is still missing is told to `change.warn`.
     step: hears which share of a palette is done
@@ -133,17 +133,17 @@ def model_texels(
     rollouts = _Rollouts(change, effort, step)
     if bool((initial == initial[0]).all()):
         palette = Palette(initial[:1].clone(), torch.zeros(len(initial), dtype=torch.long))
-        found = _Modelled(palette, rollouts.fitted(palette.entries))
+        found = _Modeled(palette, rollouts.fitted(palette.entries))
     else:
         palette = build_palette(initial, effort.step, most=effort.most)
-        found = _Modelled(palette, rollouts.quick(palette.entries))
+        found = _Modeled(palette, rollouts.quick(palette.entries))
         if effort.checked:
             found = _refined(found, initial, rollouts, tolerance)
     return change.aged(initial, found.palette, found.histories, onset, rate, residues)
 
 
 @dataclass(frozen=True)
-class _Modelled:
+class _Modeled:
     """A palette and the histories of its entries."""
 
     palette: Palette
@@ -204,7 +204,7 @@ class _Rollouts:
 
 @dataclass(frozen=True)
 class _Sample:
-    """Texels at random, modelled and fitted each for itself: what a palette is held against."""
+    """Texels at random, modeled and fitted each for itself: what a palette is held against."""
 
     rows: Tensor
     own: Palette
@@ -221,13 +221,13 @@ class _Sample:
         truth = AgedTexels(own.entries, own, rollouts.fitted(own.entries), gain, None)
         return cls(rows, own, gain, truth)
 
-    def reached_by(self, found: _Modelled) -> float:
+    def reached_by(self, found: _Modeled) -> float:
         """PSNR in dB, at the worst age, where all texels follow `found`."""
         palette = found.palette
         return self._psnr(Palette(palette.entries, palette.index[self.rows]), found.histories)
 
     def reached_by_estimates(self, rollouts: _Rollouts) -> float:
-        """Likewise where each texel is still modelled for itself, but not fitted."""
+        """Likewise where each texel is still modeled for itself, but not fitted."""
         return self._psnr(self.own, rollouts.quick(self.own.entries))
 
     def _psnr(self, palette: Palette, histories: Histories) -> float:
@@ -235,24 +235,24 @@ class _Sample:
         return min(appearance_psnr(self.truth.at(t), estimate.at(t)) for t in _CHECKED_AT)
 
 
-def _refined(found: _Modelled, initial: Tensor, rollouts: _Rollouts, tolerance: float) -> _Modelled:
+def _refined(found: _Modeled, initial: Tensor, rollouts: _Rollouts, tolerance: float) -> _Modeled:
     """`found`, or what takes more effort, until texels `initial` reach `tolerance` dB
     (`model_texels`).
     """
     change, effort = rollouts.change, rollouts.effort
     sample = _Sample.of(initial, rollouts)
-    modelled = rollouts.quick
+    modeled = rollouts.quick
     asked = change.rung == LSTM_LATENTS and rollouts.estimates
     if asked and sample.reached_by_estimates(rollouts) < tolerance:
-        modelled = rollouts.fitted
-        found = _Modelled(found.palette, modelled(found.palette.entries))
+        modeled = rollouts.fitted
+        found = _Modeled(found.palette, modeled(found.palette.entries))
     psnr, gained, cells = sample.reached_by(found), math.inf, effort.step
     while psnr < tolerance and gained > _WORTHWHILE:
         cells /= 2
         finer = build_palette(initial, cells, most=effort.most)
         if len(finer.entries) <= len(found.palette.entries):
             break
-        found = _Modelled(finer, modelled(finer.entries))
+        found = _Modeled(finer, modeled(finer.entries))
         before, psnr = psnr, sample.reached_by(found)
         gained = psnr - before
     if psnr < tolerance:

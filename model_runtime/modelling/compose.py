@@ -141,7 +141,7 @@ class _Timelines:
 
     own:  [C, P ages] P(a) - g(a) P(0), one entry after the other
     gain: [C, ages]
-    ages: ages of an entry: the T modelled ones, and the last again to interpolate with
+    ages: ages of an entry: the T modeled ones, and the last again to interpolate with
     shapes: [R, C + 1, fine ages] of residues, and height [fine ages]; None without any
     """
 
@@ -218,7 +218,7 @@ class AgedBand:
         return heights
 
     def _place(self, time: float) -> Pixels:
-        """How many modelled ages have passed, and which part of the next, [k]."""
+        """How many modeled ages have passed, and which part of the next, [k]."""
         k = self.started(time)
         place = (np.float32(time) - self.onset[:k]) * np.float32(self.timelines.ages - 2)
         place *= self.rate[:k]
@@ -248,7 +248,7 @@ class AgedBand:
 
 
 def _fine_age(place: Pixels) -> NDArray[np.int32]:
-    """Where in fine curves a place between modelled ages is."""
+    """Where in fine curves a place between modeled ages is."""
     return np.rint(place * np.float32(_FINE)).astype(np.int32)
 
 

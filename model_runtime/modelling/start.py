@@ -35,7 +35,7 @@ __all__ = ("Models", "Start", "read_start", "wear_of")
 _LOOKED_AT = 1 << 16  # texels, evenly spaced, that tell whether there is wear at all
 _LEAST_WEAR = 0.01  # share of them
 _NO_SURFACE = (
-    "Exposure, pattern size and amount say how ageing grows over a surface, and count for nothing "
+    "Exposure, pattern size and amount say how aging grows over a surface, and count for nothing "
     "without one or where an onset is given."
 )
 
@@ -63,7 +63,7 @@ class Start:
     apart: onset and rate [H, W] of a layout of their own, where `texels` all begin at once
     course: of what has begun already, where anything has
     laid: what texels show beyond their histories
-    grown: what `aged.json` says of wear that was there and of the surface that the ageing grew on
+    grown: what `aged.json` says of wear that was there and of the surface that the aging grew on
     """
 
     models: Models
@@ -82,7 +82,7 @@ class Start:
 
     @property
     def counted(self) -> Texels:
-        """The texels that are modelled."""
+        """The texels that are modeled."""
         return self.texels if self.covered is None else self.texels.where(self.covered)
 
 

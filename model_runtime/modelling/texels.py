@@ -1,4 +1,4 @@
-"""What every texel starts as, and when: from a material as it was read to what is modelled."""
+"""What every texel starts as, and when: from a material as it was read to what is modeled."""
 
 from __future__ import annotations
 

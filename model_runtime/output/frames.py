@@ -291,7 +291,7 @@ def write_stored_frames(
 ) -> dict[str, list[Mix]]:
     """Write only the frames that others do not make up; returns, per map and frame, what makes it.
 
-    A frame is left out where interpolation between its stored neighbours gives its map within
+    A frame is left out where interpolation between its stored neighbors gives its map within
     `tolerance` dB (`plan.stored_frames`) on a random sample of texels and, that no small spot be
     overlooked, the one of each map that changes most.
     """

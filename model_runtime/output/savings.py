@@ -11,20 +11,20 @@ __all__ = ("savings",)
 def savings(
     *,
     texels: int,
-    modelled: int,
+    modeled: int,
     interval: int,
     files: Mapping[str, Sequence[str | Sequence[Sequence[Any]]]],
     coefficients: int | None = None,
     not_live: bool = False,
 ) -> list[str]:
-    """A sentence each on the BRDFs that were modelled, on what stands for frames, on frames that
+    """A sentence each on the BRDFs that were modeled, on what stands for frames, on frames that
     are only interpolated and on maps that lack frames.
 
     Every `interval`-th frame was aged; `files` are those of `aged.json`: per map and frame its
     file, or its mix of files. `coefficients` of a texel stand for all frames where that is not
     None; `not_live` where none could.
     """
-    sentences = [_modelled(modelled, texels)]
+    sentences = [_modeled(modeled, texels)]
     if coefficients is not None:
         return [*sentences, _live(coefficients)]
     if not_live:
@@ -51,12 +51,12 @@ def savings(
     return sentences
 
 
-def _modelled(modelled: int, texels: int) -> str:
+def _modeled(modeled: int, texels: int) -> str:
     if texels == 1:
         return "Modeled one BRDF: the material is the same all over."
-    if modelled >= texels:
+    if modeled >= texels:
         return f"Modeled every one of {texels:,} BRDFs."
-    return f"Modeled {modelled:,} distinct BRDF{'s' * (modelled > 1)} instead of {texels:,}."
+    return f"Modeled {modeled:,} distinct BRDF{'s' * (modeled > 1)} instead of {texels:,}."
 
 
 def _live(coefficients: int) -> str:

@@ -74,7 +74,7 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
     roughness and metallic in one image, which fills in for what has no image of its own. Of
     duplicates the one with the more telling tag wins, then JPEG before PNG, TIFF and EXR, then the
     higher resolution.
-    Raises InputError where no base colour is found or the folder holds several materials.
+    Raises InputError where no base color is found or the folder holds several materials.
     """
     found: dict[str, list[_Candidate]] = defaultdict(list)
     for name in names:

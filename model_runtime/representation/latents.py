@@ -24,7 +24,7 @@ PAPER_SAMPLES = 16_200
 class Latents:
     """N encoded BRDFs.
 
-    color: [N, 3, k], k numbers for each colour channel; permuting the channels of a BRDF permutes
+    color: [N, 3, k], k numbers for each color channel; permuting the channels of a BRDF permutes
     these rows. shared: [N, d], invariant to that permutation (the paper's z_RGB and z_BRDF).
     """
 
@@ -32,7 +32,7 @@ class Latents:
     shared: Tensor
 
     def flat(self) -> Tensor:
-        """[N, 3 k + d], colour first."""
+        """[N, 3 k + d], color first."""
         return torch.cat((self.color.flatten(1), self.shared), 1)
 
     def to(self, device: torch.device) -> Latents:

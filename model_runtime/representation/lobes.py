@@ -2,7 +2,7 @@
 
 The encoder sees the BRDF at one fixed set of directions, or at any part of it, so it is a plain MLP
 a channel over values and a mask, pooled over channels. The decoder turns the latents into a diffuse
-term and generalised GGX lobes with grazing gains, and multiplies the sum by a learned low-rank
+term and generalized GGX lobes with grazing gains, and multiplies the sum by a learned low-rank
 correction. All angular inputs are symmetric in the two directions: reciprocity and channel
 equivariance hold by construction, and the output is finite and not negative.
 """
@@ -32,7 +32,7 @@ TRUSTED_COSINE = 0.2
 directions closer to grazing is extrapolation, and misleads an encoder about all the rest."""
 
 _FIREFLY = 12
-"""A sample so many times as bright as seven of its eight neighbours is an error."""
+"""A sample so many times as bright as seven of its eight neighbors is an error."""
 
 
 def compress(f: Tensor) -> Tensor:
@@ -93,7 +93,7 @@ class LobeRepresentation(nn.Module):
     name = "lobes"
 
     encoder_angles: Tensor
-    neighbours: Tensor
+    neighbors: Tensor
 
     def __init__(self, config: LobeConfig = LobeConfig()) -> None:
         super().__init__()
@@ -110,7 +110,7 @@ class LobeRepresentation(nn.Module):
         )
         near = torch.cdist(place, place).fill_diagonal_(math.inf).argsort(1)[:, :8]
         self.register_buffer("encoder_angles", angles, persistent=False)
-        self.register_buffer("neighbours", near, persistent=False)
+        self.register_buffer("neighbors", near, persistent=False)
         self.per_channel = mlp(2 * len(self.encoder_angles), width, width)
         self.to_shared = mlp(2 * width, width, d)
         self.to_color = mlp(width + d, width // 2, k)
@@ -170,8 +170,8 @@ class LobeRepresentation(nn.Module):
     def _fireflies(self, f: Tensor, known: Tensor) -> Tensor:
         """Which samples [N, M] of `f` [N, 3, M] are too bright to be true."""
         brightness = f.sum(1) + 0.003
-        similar = _FIREFLY * brightness[:, self.neighbours] > brightness[..., None]
-        similar |= ~known.any(1)[:, self.neighbours]
+        similar = _FIREFLY * brightness[:, self.neighbors] > brightness[..., None]
+        similar |= ~known.any(1)[:, self.neighbors]
         return similar.sum(2) <= 1
 
     def encode_parameters(self, states: Tensor) -> Latents:

@@ -33,7 +33,7 @@ class PaperConfig:
 
 
 class _Attention(nn.Module):
-    """Multi-head attention with a residual MLP, both behind layer normalisation."""
+    """Multi-head attention with a residual MLP, both behind layer normalization."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ class _Attention(nn.Module):
 
 
 class PaperRepresentation(nn.Module):
-    """Self-attention over the colour channels of each sample, class attention, mean over samples.
+    """Self-attention over the color channels of each sample, class attention, mean over samples.
 
     `encode` gives z_RGB (color, [N, 3, 1]: the channel medians of l(reflectance)) and the mean of
     z_BRDF (shared, [N, 7]). While training, z_BRDF is drawn from the normal distribution that the

@@ -72,7 +72,7 @@ class Affine:
 
 
 class ParameterLSTM(nn.Module):
-    """One LSTM on standardised parameters that sees the present and the initial state.
+    """One LSTM on standardized parameters that sees the present and the initial state.
 
     Its output is a residual step, so that an untrained model is `Constant`.
     """
@@ -91,7 +91,7 @@ class ParameterLSTM(nn.Module):
         self.register_buffer("mean", torch.zeros(dimensions))
         self.register_buffer("scale", torch.ones(dimensions))
 
-    def standardise(self, histories: Tensor) -> None:
+    def standardize(self, histories: Tensor) -> None:
         """Take mean and scale from `histories` [..., D]."""
         flat = histories.reshape(-1, histories.shape[-1])
         self.mean.copy_(flat.mean(0))
@@ -110,7 +110,7 @@ class ParameterLSTM(nn.Module):
 
 
 class LatentLSTM(nn.Module):
-    """The paper's NTM (section 3.2, figure 4): two LSTMs, for colour and for shared latents.
+    """The paper's NTM (section 3.2, figure 4): two LSTMs, for color and for shared latents.
 
     Each reads the present latent and adds a residual step to it; neither sees the other.
     """
@@ -119,7 +119,7 @@ class LatentLSTM(nn.Module):
     scale: Tensor
 
     def __init__(self, color: int, shared: int, width: int = 64) -> None:
-        """`color` = 3 k numbers for the colour channels, `shared` = d for all."""
+        """`color` = 3 k numbers for the color channels, `shared` = d for all."""
         super().__init__()
         self.sizes = (color, shared)
         self.cells = nn.ModuleList(nn.LSTMCell(size, width) for size in self.sizes)
@@ -129,7 +129,7 @@ class LatentLSTM(nn.Module):
         self.register_buffer("mean", torch.zeros(color + shared))
         self.register_buffer("scale", torch.ones(color + shared))
 
-    standardise = ParameterLSTM.standardise
+    standardize = ParameterLSTM.standardize
 
     def rollout(self, state: Tensor, frames: int) -> Tensor:
         """Histories [N, frames, color + shared] of flat latents [N, color + shared]."""

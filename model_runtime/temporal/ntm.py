@@ -12,7 +12,7 @@ from ..channels import WIDTH
 from ..contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS, LSTM_PARAMETERS
 from ..errors import ModelFileError, shown
 from ..model_files.weights import ModelCard, load_model
-from .domain import FOREIGN_SHARE, MOST_CENTRES, Domain
+from .domain import FOREIGN_SHARE, MOST_CENTERS, Domain
 from .grain import Grain, share_of
 from .models import Affine, Constant, LatentLSTM, ParameterLSTM, TemporalModel
 from .pace import Timing
@@ -87,7 +87,7 @@ class NeuralTemporalModel:
         return {
             "affine.gain": self.affine.gain,
             "affine.offset": self.affine.offset,
-            "domain.centres": self.domain.centres,
+            "domain.centres": self.domain.centers,
             "domain.radii": self.domain.radii,
             **{f"parameters.{name}": value for name, value in self.parameters.state_dict().items()},
             **{f"latents.{name}": value for name, value in self.latents.state_dict().items()},
@@ -121,9 +121,9 @@ class NeuralTemporalModel:
                 card.frames > 1
                 and affine.gain.shape == affine.offset.shape == (card.frames, WIDTH)
                 and bool(((affine.gain >= 0) & (affine.gain <= Affine.LARGEST_GAIN)).all())
-                and 0 < len(domain.centres) <= MOST_CENTRES
-                and domain.centres.shape[1:] == (WIDTH,)
-                and domain.radii.shape == (len(domain.centres),)
+                and 0 < len(domain.centers) <= MOST_CENTERS
+                and domain.centers.shape[1:] == (WIDTH,)
+                and domain.radii.shape == (len(domain.centers),)
                 and bool((domain.radii > 0).all())
                 and card.details["temporal_model"] in LADDER
             ):

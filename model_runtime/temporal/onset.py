@@ -5,7 +5,7 @@ history starts at different times. An onset map holds that time, and the product
 
     a(x, y, t) = rate(x, y) max(0, t - onset(x, y)),
 
-so that an onset of 0 and a rate of 1 everywhere are the paper's behaviour. The rate, at most 1,
+so that an onset of 0 and a rate of 1 everywhere are the paper's behavior. The rate, at most 1,
 mottles what has turned: no two places of a rusty plate are equally far.
 
 The pattern is a growth process. Nuclei appear at random places and times (Johnson and Mehl 1939,
@@ -144,7 +144,7 @@ def fractal_noise(
 
 
 def _spline(lattice: NDArray[np.floating], shape: tuple[int, int], tileable: bool) -> Array:
-    """Cubic B-spline over a lattice of cell-centred values, by texel: float32 [H, W]."""
+    """Cubic B-spline over a lattice of cell-centerd values, by texel: float32 [H, W]."""
     values = lattice.astype(np.float32)
     # Down, then across: each time along the first axis, where whole rows are taken.
     for texels in shape:
@@ -219,7 +219,7 @@ def _eikonal(
 ) -> NDArray[np.float64]:
     """First arrival from any birth; `step` is the time speed 1 needs to cross a cell."""
 
-    def neighbour(times: NDArray[np.float64], shift: int, axis: int) -> NDArray[np.float64]:
+    def neighbor(times: NDArray[np.float64], shift: int, axis: int) -> NDArray[np.float64]:
         moved = np.roll(times, shift, axis)
         if not tileable:
             edge = [slice(None), slice(None)]
@@ -230,10 +230,10 @@ def _eikonal(
     times = births
     p = step / growth.across
     for _ in range(8 * _GRID):
-        a = np.minimum(neighbour(times, 1, 1), neighbour(times, -1, 1))
+        a = np.minimum(neighbor(times, 1, 1), neighbor(times, -1, 1))
         updated = times
         for shift, speed in ((1, growth.down), (-1, growth.up)):
-            b, q = neighbour(times, shift, 0), step / speed
+            b, q = neighbor(times, shift, 0), step / speed
             # The larger root of ((T - a) / p)^2 + ((T - b) / q)^2 = 1, where it uses both sides.
             root = p * p + q * q - (a - b) ** 2
             both = (a * q * q + b * p * p + p * q * np.sqrt(np.maximum(root, 0.0))) / (

@@ -41,7 +41,7 @@ class Timing:
     ) -> Timing:
         """The statistics of maps of any shape; a number stands for a map that has it everywhere.
 
-        `Timing.of(0.0)` is a source that changes everywhere at once: the paper's behaviour.
+        `Timing.of(0.0)` is a source that changes everywhere at once: the paper's behavior.
         """
         shares = np.linspace(0, 1, _QUANTILES)
 

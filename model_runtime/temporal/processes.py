@@ -26,7 +26,7 @@ class Growth:
     """How a process spreads. Lengths are in tile sides; time is what speed 1 needs to cross one."""
 
     nuclei: float  # per square tile
-    clusters: tuple[float, float]  # noise cells (down, across) of the patches nuclei favour
+    clusters: tuple[float, float]  # noise cells (down, across) of the patches nuclei favor
     cluster_delay: float  # births lag by up to about this outside the patches
     birth_spread: float  # and by up to this at random
     across: float  # speeds

@@ -107,7 +107,7 @@ class Course:
 def course_of(ntm: NeuralTemporalModel) -> Course:
     """The course of the materials that `ntm` was trained on."""
     chance = torch.Generator().manual_seed(0)
-    centers = ntm.domain.centres
+    centers = ntm.domain.centers
     some = centers[torch.randperm(len(centers), generator=chance)[:_MATERIALS]].square()
     model = ntm.affine if ntm.chosen in (CONSTANT, AFFINE) else ntm.parameters
     histories = model.rollout(some, ntm.frames)

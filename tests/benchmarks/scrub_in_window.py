@@ -46,7 +46,7 @@ def draw() -> None:
     bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
 
 
-def centre(area: bpy.types.Area) -> bytes:
+def center(area: bpy.types.Area) -> bytes:
     """The pixels in the middle of the area, as they are on the screen."""
     x = area.x + area.width // 2
     y = bpy.context.window.height - (area.y + area.height // 2)
@@ -61,7 +61,7 @@ def wait_for_shaders(area: bpy.types.Area, last: int) -> Steps:
         seen = []
         for frame in (1, last):
             timed([frame], draw)
-            seen.append(centre(area))
+            seen.append(center(area))
         if seen[0] != seen[1]:
             return
         assert time.monotonic() - began < PATIENCE, "the frames of the material look all alike"

@@ -1,4 +1,4 @@
-"""What is scrubbed: a sphere that shows a result, one modelled frame a frame of the scene."""
+"""What is scrubbed: a sphere that shows a result, one modeled frame a frame of the scene."""
 
 from __future__ import annotations
 

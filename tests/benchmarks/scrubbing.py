@@ -32,7 +32,7 @@ WINDOW_SECONDS = 1500
 
 
 def make_result(folder: Path, size: int, frames: int, every: int) -> Path:
-    """Random maps that all change, stored for one modelled frame in `every` and for the last."""
+    """Random maps that all change, stored for one modeled frame in `every` and for the last."""
     folder.mkdir(parents=True)
     rng = np.random.default_rng(0)
     stored = [*range(0, frames - 1, every), frames - 1]

@@ -1,4 +1,4 @@
-"""How ageing grows over surfaces, in numbers.
+"""How aging grows over surfaces, in numbers.
 
     python -m tests.benchmarks.surface [--size 512] [FOLDER ...]
 

@@ -44,7 +44,7 @@ def aged_and_rendered(folder: Path) -> np.ndarray:
     assert bpy.ops.tvbrdf.age_material() == {"FINISHED"}
     first = small_scene.picture(1, folder / "first.exr")
     last = small_scene.picture(small_scene.STEPS, folder / "last.exr")
-    # A procedural colour baked into 64 x 64 texels and seen in 48 x 48 pixels is a little blurred.
+    # A procedural color baked into 64 x 64 texels and seen in 48 x 48 pixels is a little blurred.
     assert np.sqrt(np.mean((first - before) ** 2)) < 0.05 * np.sqrt(np.mean(before**2))
     assert np.sqrt(np.mean((last - before) ** 2)) > 0.05 * np.sqrt(np.mean(before**2))
     return before

@@ -48,7 +48,7 @@ def add(material: bpy.types.Material, kind: str, **settings: object) -> bpy.type
 def image(
     name: str, pixels: np.ndarray, *, colorspace: str = "Non-Color", floating: bool = False
 ) -> bpy.types.Image:
-    """A generated image from [H, W, 3 or 4] with row 0 at the top, values in its colour space."""
+    """A generated image from [H, W, 3 or 4] with row 0 at the top, values in its color space."""
     height, width = pixels.shape[:2]
     made = bpy.data.images.new(name, width, height, alpha=True, float_buffer=floating)
     made.colorspace_settings.name = colorspace
@@ -60,7 +60,7 @@ def image(
 
 
 def procedural(material: bpy.types.Material) -> None:
-    """Noise-driven colour, roughness and metalness, as a painted steel may have."""
+    """Noise-driven color, roughness and metalness, as a painted steel may have."""
     noise = add(material, "ShaderNodeTexNoise")
     noise.inputs["Scale"].default_value = 4.0
     ramp = add(material, "ShaderNodeValToRGB")
@@ -113,7 +113,7 @@ def textured(material, pixels: np.ndarray, socket: str = "Base Color", **setting
 
 
 def baked_material() -> bpy.types.Material:
-    """One whose colour only a bake tells."""
+    """One whose color only a bake tells."""
     material = new_material()
     procedural(material)
     return material

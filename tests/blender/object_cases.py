@@ -33,7 +33,7 @@ def with_nodes(
 def paint(
     obj: bpy.types.Object, color, *, kind: str = "FLOAT_COLOR", domain: str = "POINT", name=NAME
 ) -> None:
-    """Gives the mesh an attribute; `color` makes a number or a colour of the vertex's place."""
+    """Gives the mesh an attribute; `color` makes a number or a color of the vertex's place."""
     mesh = obj.data
     attribute = mesh.color_attributes.new(name, kind, domain)
     vertices = (

@@ -12,7 +12,7 @@ STEPS = 4
 
 
 def build(folder: Path) -> bpy.types.Material:
-    """Save an empty file with one lit plane in `folder`; its material, whose colour is baked."""
+    """Save an empty file with one lit plane in `folder`; its material, whose color is baked."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.mesh.primitive_plane_add(size=2)
     plane = bpy.context.object

@@ -20,8 +20,8 @@ from tests.blender.material_cases import (
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 SIZE = 16
-CENTRES = (np.arange(SIZE) + 0.5) / SIZE
-U, V = np.meshgrid(CENTRES, CENTRES[::-1])  # row 0 is the top, where V is highest
+CENTERS = (np.arange(SIZE) + 0.5) / SIZE
+U, V = np.meshgrid(CENTERS, CENTERS[::-1])  # row 0 is the top, where V is highest
 
 
 def axes(material) -> tuple[bpy.types.NodeSocket, bpy.types.NodeSocket]:
@@ -53,7 +53,7 @@ def test_every_socket_has_its_own_values(tmp_path):
         link(material, scale.outputs[0], socket)
     link(material, v, "Specular Tint")
     maps = maps_of(material, plane(material), tmp_path)
-    close = {"atol": 2e-4}  # Blender bakes some thousandths of a texel beside the centre
+    close = {"atol": 2e-4}  # Blender bakes some thousandths of a texel beside the center
     np.testing.assert_allclose(maps["BaseColor"][..., 0], U, **close)
     np.testing.assert_allclose(maps["BaseColor"][..., 1], V, **close)
     np.testing.assert_allclose(maps["BaseColor"][..., 2], 0, **close)
@@ -78,7 +78,7 @@ def test_values_are_clamped_as_the_principled_bsdf_does(tmp_path):
     np.testing.assert_allclose(maps["BaseColor"][..., 0], values.clip(0), atol=3e-4)
 
 
-def test_a_colour_that_feeds_a_number_counts_by_its_luminance(tmp_path):
+def test_a_color_that_feeds_a_number_counts_by_its_luminance(tmp_path):
     material = new_material()
     u, _ = axes(material)
     combined = add(material, "ShaderNodeCombineColor")

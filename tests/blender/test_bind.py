@@ -68,7 +68,7 @@ def test_what_is_shown_follows_age_and_holds_outside_the_range(tmp_path, frame, 
     "stored", [(0, 9), (0, 2, 9), (0, 1, 5, 9), (0, 3, 4, 8, 9), tuple(range(10))]
 )
 def test_frames_that_are_not_stored_lie_between_those_that_are(tmp_path, stored):
-    """Every whole and half modelled frame shows what `aged.json` says, frame 4.5 its middle."""
+    """Every whole and half modeled frame shows what `aged.json` says, frame 4.5 its middle."""
     import json
 
     material = new_material()
@@ -233,7 +233,7 @@ def test_two_materials_do_not_touch_each_other(tmp_path):
     assert all(now[key] == before[key] for key in ("nodes", "links", "animation", "original"))
 
 
-def test_ageing_again_starts_from_the_original_and_leaves_no_images(tmp_path):
+def test_aging_again_starts_from_the_original_and_leaves_no_images(tmp_path):
     from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()

@@ -275,7 +275,7 @@ def test_an_interrupt_ends_it_and_leaves_nothing_half_done(
     before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     materials = ["--material", "Steel", "--material", "Copper", "--material", "Oak"]
     words = [*materials, *USUAL, "--steps", "600", "--save-as", "aged.blend"]
-    killer = threading.Thread(target=lambda: interrupt_when_ageing(number))
+    killer = threading.Thread(target=lambda: interrupt_when_aging(number))
     killer.start()
     try:
         assert main(words) == code
@@ -291,7 +291,7 @@ def test_an_interrupt_ends_it_and_leaves_nothing_half_done(
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
 
 
-def interrupt_when_ageing(number: int) -> None:
+def interrupt_when_aging(number: int) -> None:
     deadline = time.monotonic() + 30
     while time.monotonic() < deadline:
         run = session.current()

@@ -155,7 +155,7 @@ def test_every_copy_reverts_exactly_in_any_order(tmp_path, build, kind):
 
 
 @pytest.mark.parametrize("build", [awkward, in_nested_groups])
-def test_undo_and_redo_take_and_give_the_whole_ageing(tmp_path, build):
+def test_undo_and_redo_take_and_give_the_whole_aging(tmp_path, build):
     from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged, revert
 
     material = new_material()

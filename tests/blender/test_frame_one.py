@@ -113,7 +113,7 @@ def aged_authored(folder: Path, maps: PrincipledMaps) -> Path:
 
 
 @pytest.mark.parametrize("build", [metal, plastic, wood, mix])
-def test_frame_one_as_authored_is_the_material_before_ageing(tmp_path, build):
+def test_frame_one_as_authored_is_the_material_before_aging(tmp_path, build):
     lit_scene()
     material = new_material()
     build(material)

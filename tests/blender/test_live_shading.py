@@ -45,7 +45,7 @@ def make_case(folder: Path, name: str) -> PrincipledMaps:
     made_up_live(folder / "live", kind, count=count, size=(SIZE, SIZE), onset=onset)
     rng = np.random.default_rng(2)
     base, numbers = (rng.random((SIZE, SIZE, 3), np.float32) for _ in range(2))
-    # Metal is metal or not, mostly; and where it is not, colours fill their range.
+    # Metal is metal or not, mostly; and where it is not, colors fill their range.
     numbers[..., 0] = np.where(
         rng.random((SIZE, SIZE)) < 0.7, numbers[..., 0] > 0.5, numbers[..., 0]
     )

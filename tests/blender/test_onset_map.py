@@ -52,7 +52,7 @@ def written(material: bpy.types.Material, obj: bpy.types.Object, folder: Path):
 
 def onset_of(material: bpy.types.Material, obj: bpy.types.Object, folder: Path) -> np.ndarray:
     found = pixels(written(material, obj, folder).path)
-    assert (found == found[..., :1]).all(), "grey"
+    assert (found == found[..., :1]).all(), "gray"
     return found[..., 0]
 
 
@@ -92,7 +92,7 @@ def test_inverted_white_starts_first(tmp_path):
     np.testing.assert_allclose(onset_of(material, obj, tmp_path), 1 - U, atol=2e-4)
 
 
-def test_colours_count_by_their_luminance(tmp_path):
+def test_colors_count_by_their_luminance(tmp_path):
     material, obj = painted(lambda *_: (0.0, 1.0, 0.0))
     np.testing.assert_allclose(onset_of(material, obj, tmp_path), 0.7152, atol=1e-4)
 
@@ -243,7 +243,7 @@ def test_an_image_on_disk_is_left_there_until_it_is_painted_over(tmp_path, depth
     material, obj = with_image(loaded)
     assert written(material, obj, tmp_path).path == file
     material.tvbrdf.onset_invert = True
-    # What the worker would have read, inverted: the file's own numbers, whatever the colour space.
+    # What the worker would have read, inverted: the file's own numbers, whatever the color space.
     np.testing.assert_allclose(
         onset_of(material, obj, tmp_path), 1 - codes / (2**depth - 1), atol=2e-4
     )
@@ -269,7 +269,7 @@ def _no_attributes(material, obj) -> None:
     obj.data.color_attributes.remove(obj.data.color_attributes[0])
 
 
-def _no_colour(material, obj) -> None:
+def _no_color(material, obj) -> None:
     obj.data.attributes.new("Height", "FLOAT", "POINT")
     material.tvbrdf.onset_attribute = "Height"
 
@@ -296,7 +296,7 @@ def _no_object(material, obj) -> None:
             _no_attributes,
             "“Plane” has no color attribute “Wear”: paint one in Vertex Paint mode.",
         ),
-        (_no_colour, "“Height” of “Plane” is no color attribute: convert it"),
+        (_no_color, "“Height” of “Plane” is no color attribute: convert it"),
         (_no_uvs, "The mesh of “Plane” has no UV map: unwrap it (UV > Smart UV Project), or set"),
         (_two_without, "No object that shows this has a color attribute “Wear”"),
         (_no_object, "“Paint” has to become a texture: select an object that uses it in one"),

@@ -141,7 +141,7 @@ def test_two_materials_do_not_share_a_folder(folder: Path):
     assert image_folders(bpy.data.materials["a:b"]) == {"a_b.001"}
 
 
-def test_ageing_again_leaves_the_shown_files_alone(folder: Path):
+def test_aging_again_leaves_the_shown_files_alone(folder: Path):
     """An undo, or closing without saving, must find the textures that it shows."""
     age()
     before = {p: p.read_bytes() for p in (folder / "aged" / "Steel").iterdir()}

@@ -58,6 +58,6 @@ def test_images_saved_by_blender_are_read_as_blender_reads_them(
     if mode == "BW":
         np.testing.assert_allclose(read_image(path, color=False), code[..., 0], atol=1e-6)
     linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
-    # Of premultiplied 16-bit colour, as Blender's TIFFs with alpha hold, 8 bits are read.
+    # Of premultiplied 16-bit color, as Blender's TIFFs with alpha hold, 8 bits are read.
     tolerance = 2.3 / 255 if (kind, mode, depth) == ("TIFF", "RGBA", "16") else 1e-5
     np.testing.assert_allclose(read_image(path, color=True), linear, atol=tolerance)

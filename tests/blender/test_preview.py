@@ -48,7 +48,7 @@ def test_it_is_shown_and_then_replaced(folder: Path):
     session.finish(run, icon="NONE", sentences=())
     assert image_folders(steel()) == {"Steel"}
     assert not steel().tvbrdf.is_preview
-    assert run.warnings == ["The stub paints flat colours."], "the preview's own are not repeated"
+    assert run.warnings == ["The stub paints flat colors."], "the preview's own are not repeated"
 
 
 def test_cancelling_leaves_the_material_as_it_was(folder: Path):

@@ -80,10 +80,10 @@ def test_a_packed_16_bit_png_on_disk(tmp_path):
     codes = (np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000).astype(np.uint16)
     from PIL import Image
 
-    Image.fromarray(codes).save(tmp_path / "grey16.png")
-    made = bpy.data.images.load(str(tmp_path / "grey16.png"))
+    Image.fromarray(codes).save(tmp_path / "gray16.png")
+    made = bpy.data.images.load(str(tmp_path / "gray16.png"))
     made.pack()
-    (tmp_path / "grey16.png").unlink()
+    (tmp_path / "gray16.png").unlink()
     material = new_material()
     node = add(material, "ShaderNodeTexImage", image=made)
     link(material, node.outputs[0], "Base Color")
@@ -151,7 +151,7 @@ def test_packed_channels_stay_in_the_images_own_space(tmp_path):
 
 
 def test_alpha_multiplies_as_blender_does(tmp_path):
-    """Where Alpha is not used the colour is associated with it; Cycles' own bake is the judge."""
+    """Where Alpha is not used the color is associated with it; Cycles' own bake is the judge."""
     rgba = RNG.random((2, 2, 4))
     modes = ("STRAIGHT", "CHANNEL_PACKED", "NONE")
     for mode, colorspace in itertools.product(modes, ("sRGB", "Non-Color")):

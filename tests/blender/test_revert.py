@@ -63,7 +63,7 @@ def test_uniform_and_textured_constants_revert(tmp_path, kind, size):
     assert settled(material) == before
 
 
-def test_what_the_artist_changes_after_ageing_stays(tmp_path):
+def test_what_the_artist_changes_after_aging_stays(tmp_path):
     from tvbrdf.tvbrdf_addon.material.nodes.revert import revert
 
     material = new_material()

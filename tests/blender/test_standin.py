@@ -102,7 +102,7 @@ def weave(material: bpy.types.Material, waves: float) -> None:
 
 @pytest.mark.parametrize("waves", [15.3, 40.7, 163.1])
 def test_a_pattern_finer_than_a_texel_is_its_mean(tmp_path, waves):
-    """Half is light; at the texels' centres alone there would be light and dark ones, in moire."""
+    """Half is light; at the texels' centers alone there would be light and dark ones, in moire."""
     material = new_material()
     weave(material, waves)
     found = color_of(material, plane(material), tmp_path)[..., 0]

@@ -33,7 +33,7 @@ SQUARE = {1001: (0, 0), 1002: (1, 0), 1011: (0, 1), 1012: (1, 1)}
 
 
 def noise(seed: int, size: int = 16) -> np.ndarray:
-    """Grey values [H, W, 3] that a byte holds to the bit."""
+    """Gray values [H, W, 3] that a byte holds to the bit."""
     values = np.random.default_rng(seed).integers(20, 250, (size, size, 1)) / np.float32(255)
     return values.repeat(3, 2)
 
@@ -169,7 +169,7 @@ def test_too_many_pixels_for_one_image_are_made_fewer(tmp_path, monkeypatch):
 
 
 def two_maps(folder: Path) -> bpy.types.Material:
-    """Colour and roughness in four tiles, and an image without tiles that goes on over all."""
+    """Color and roughness in four tiles, and an image without tiles that goes on over all."""
     material = new_material()
     for socket, shift, space in (("Base Color", 0, "sRGB"), ("Roughness", 100, "Non-Color")):
         parts = {number: noise(number + shift) for number in SQUARE}
@@ -183,7 +183,7 @@ def two_maps(folder: Path) -> bpy.types.Material:
 
 
 @pytest.mark.parametrize("used", [list(SQUARE.values()), [(1, 0), (1, 1)], [(1, 1)]])
-def test_frame_one_is_the_material_before_ageing(tmp_path, used):
+def test_frame_one_is_the_material_before_aging(tmp_path, used):
     lit_scene()
     material = two_maps(tmp_path)
     obj = squares(material, used)

@@ -4,7 +4,7 @@ At the end the command, as only Blender's own program dispatches it.
 
 Its worker is `stub_worker.py`, beside it.  Leaves `panel.png` (before), `exact.png` (its warning),
 `preview.png`, `progress.png`, `aged.png`, `start_*.png` (an attribute or an image that says where)
-and `properties.png`.  Clicks go to real pixels: buttons are found by giving them a colour that
+and `properties.png`.  Clicks go to real pixels: buttons are found by giving them a color that
 nothing else has.
 """
 
@@ -59,7 +59,7 @@ def build_scene() -> None:
 
 
 def buttons() -> Iterator[float | list[tuple[int, int]]]:
-    """Wait for drawing, then give the centres of the sidebar's buttons, from top to bottom."""
+    """Wait for drawing, then give the centers of the sidebar's buttons, from top to bottom."""
     widget = bpy.context.preferences.themes[0].user_interface.wcol_tool
     usual = tuple(widget.inner)
     widget.inner = SIGNAL
@@ -81,12 +81,12 @@ def buttons() -> Iterator[float | list[tuple[int, int]]]:
     magenta[:, : region.x] = False
     magenta[:, region.x + region.width :] = False
     rows = np.flatnonzero(magenta.sum(axis=1) > 40)
-    centres = []
+    centers = []
     for group in np.split(rows, np.flatnonzero(np.diff(rows) > 3) + 1):
         if len(group) > 8:
             columns = np.flatnonzero(magenta[group].any(axis=0))
-            centres.append((int(columns.min() + 30), int(group.mean())))
-    yield centres
+            centers.append((int(columns.min() + 30), int(group.mean())))
+    yield centers
 
 
 def press(number: int) -> Steps:

@@ -199,7 +199,7 @@ def _deep_exr(trial: Trial) -> bytes:
 
 
 def _parts_exr(trial: Trial) -> bytes:
-    """Several parts; the honest colour is in any of them."""
+    """Several parts; the honest color is in any of them."""
     if trial.rng.random() < 0.1:
         return trial.samples.hidden_giant
     plain = {"type": OpenEXR.scanlineimage}

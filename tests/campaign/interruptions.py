@@ -200,7 +200,7 @@ def attempt_change(trial: Trial) -> list[Evidence]:
 def _hash_complaint(
     evidence: Evidence, first: Result, second: Result, content: bytes, trial: Trial
 ) -> tuple[str, ...]:
-    """The report has to name, by its hash, the colour that the textures were made of."""
+    """The report has to name, by its hash, the color that the textures were made of."""
     if evidence.answer.ended != "done" or evidence.result is None:
         return ()
     named = evidence.answer.result.get("hashes", {}).get("input", {}).get("M_Color.png")

@@ -1,8 +1,8 @@
 """The demo's scene: a jerrycan of painted steel in soft daylight, everything procedural.
 
 The body is one sheet, unfolded without a seam: its UV coordinates are the two parameters it is
-modelled with, so what grows over the texture grows over the surface.  The paint is a Principled
-material whose colour, roughness and metalness come out of noise, with chips down to the steel.
+modeled with, so what grows over the texture grows over the surface.  The paint is a Principled
+material whose color, roughness and metalness come out of noise, with chips down to the steel.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mathutils import Vector
 
 HALF_WIDTH, HALF_HEIGHT, DEPTH = 1.0, 1.28, 0.7
 CORNER, FILLET = 0.26, 0.13  # radii of the outline and of the edge between face and side
-FACE, BEND = 0.66, 0.08  # shares of the texture, from its centre out, of the front and its edge
+FACE, BEND = 0.66, 0.08  # shares of the texture, from its center out, of the front and its edge
 
 
 def rectangle_distance(x: np.ndarray, z: np.ndarray, inset: float, corner: float) -> np.ndarray:
@@ -32,7 +32,7 @@ def smooth_step(x: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def outline(s: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the ray from the centre through (s, t) in [-1, 1]^2 meets the can's outline."""
+    """Where the ray from the center through (s, t) in [-1, 1]^2 meets the can's outline."""
     x, z = s * HALF_WIDTH, t * HALF_HEIGHT
     low, high = np.zeros_like(x), np.full_like(x, 2.0)
     scale = 1 / np.maximum(np.maximum(np.abs(s), np.abs(t)), 1e-9)
@@ -113,7 +113,7 @@ def painted_steel() -> bpy.types.Material:
         links.new(factor, node.inputs["Fac"])
         return node.outputs["Color"]
 
-    def grey(value: float) -> tuple[float, float, float]:
+    def gray(value: float) -> tuple[float, float, float]:
         return (value, value, value)
 
     def mix(
@@ -127,11 +127,11 @@ def painted_steel() -> bpy.types.Material:
         sockets["B_Color"].default_value = (*b, 1.0)
         return next(s for s in node.outputs if s.identifier == "Result_Color")
 
-    chips = ramp(noise(7.0, 9.0), (0.655, grey(0)), (0.67, grey(1)))
+    chips = ramp(noise(7.0, 9.0), (0.655, gray(0)), (0.67, gray(1)))
     paint = ramp(noise(2.2, 6.0), (0.3, (0.035, 0.105, 0.095)), (0.7, (0.06, 0.165, 0.14)))
-    gloss = ramp(noise(4.0, 8.0), (0.3, grey(0.24)), (0.7, grey(0.46)))
+    gloss = ramp(noise(4.0, 8.0), (0.3, gray(0.24)), (0.7, gray(0.46)))
     links.new(mix(chips, paint, (0.56, 0.55, 0.53)), principled.inputs["Base Color"])
-    links.new(mix(chips, gloss, grey(0.38)), principled.inputs["Roughness"])
+    links.new(mix(chips, gloss, gray(0.38)), principled.inputs["Roughness"])
     links.new(chips, principled.inputs["Metallic"])
     return material
 

@@ -20,7 +20,7 @@ from torch import Tensor
 from model_runtime.brdf.half_angle import cosines
 
 from ..evaluation.bench.kept import identity, kept
-from ..loop import Schedule, optimise
+from ..loop import Schedule, optimize
 
 __all__ = ("Networks", "Training", "cached_fit", "fit")
 
@@ -78,7 +78,7 @@ def _logarithm(layers: tuple[tuple[Tensor, Tensor], ...], x: Tensor) -> Tensor:
 
 
 def _initial(n: int, g: torch.Generator) -> tuple[tuple[Tensor, Tensor], ...]:
-    """The same start for every network, so that a network does not depend on its neighbours."""
+    """The same start for every network, so that a network does not depend on its neighbors."""
     layers = []
     for inputs, outputs in itertools.pairwise(_SIZES):
         reach = math.sqrt(3 / inputs)
@@ -110,7 +110,7 @@ def fit(angles: Tensor, f: Tensor, training: Training = Training()) -> Networks:
 
     schedule = Schedule(training.learning_rate, floor=0.0)
     start, steps = time.process_time(), training.iterations
-    optimise(loss, optimizer, schedule, range(steps), steps)
+    optimize(loss, optimizer, schedule, range(steps), steps)
     trained = tuple((weight.detach(), bias.detach()) for weight, bias in layers)
     return Networks(trained, time.process_time() - start)
 

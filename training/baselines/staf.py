@@ -115,7 +115,7 @@ def fit(source: Sequence) -> STAFModel:
 def _factors(maps: NDArray[np.float32], times: Doubles) -> Factors:
     """The factors of one parameter's maps [T, H, W]."""
     histories = maps.reshape(len(times), -1).T.astype(np.float64)
-    change = _centred(histories)
+    change = _centerd(histories)
     moving = np.linalg.norm(change, axis=1) > _STILL * np.linalg.norm(histories, axis=1)
     phi = Chebyshev((0.5, 0.5), (0, 1))
     amplitude, timing = np.zeros(len(change)), np.tile((1.0, 0.0), (len(change), 1))
@@ -141,7 +141,7 @@ def _curve_and_timings(change: Doubles, times: Doubles) -> tuple[Chebyshev, Doub
     timing = np.tile((1.0, 0.0), (len(change), 1))
     last = np.inf
     for _ in range(_ROUNDS):
-        phi, timing = _normalised(phi, timing)
+        phi, timing = _normalized(phi, timing)
         timing = _best_of(_spread(timing, _MOST_STARTS), timing, phi, change, times)
         timing = _refined(timing, phi, change, times, 3)
         warped = _warped(timing, times)
@@ -155,7 +155,7 @@ def _curve_and_timings(change: Doubles, times: Doubles) -> tuple[Chebyshev, Doub
         if loss < 1e-5 * size.mean() or abs(loss - last) < 1e-4 * last:
             break
         last = loss
-    return _normalised(phi, timing)
+    return _normalized(phi, timing)
 
 
 def _curve(warped: Doubles, amplitude: Doubles, change: Doubles, degree: int) -> Chebyshev:
@@ -168,7 +168,7 @@ def _curve(warped: Doubles, amplitude: Doubles, change: Doubles, degree: int) ->
     return Chebyshev((0, *coefficients), (low, high))
 
 
-def _normalised(phi: Chebyshev, timing: Doubles) -> tuple[Chebyshev, Doubles]:
+def _normalized(phi: Chebyshev, timing: Doubles) -> tuple[Chebyshev, Doubles]:
     """The same factors with median R = 1, median O = 0, phi(0) = 0, and 1 its extreme on [0, 1].
 
     phi(R t - O) = phi(r t' + o) with t' = (R t - O - o) / r; A and D take up the rest.
@@ -184,7 +184,7 @@ def _best_of(
     starts: Doubles, timing: Doubles, phi: Chebyshev, change: Doubles, times: Doubles
 ) -> Doubles:
     """The timings [N, 2], each replaced by the best of `starts` [K, 2] where that fits better."""
-    curves = _centred(phi(_warped(starts, times)))
+    curves = _centerd(phi(_warped(starts, times)))
     curves /= np.linalg.norm(curves, axis=1, keepdims=True) + _TINY
     along = np.abs(change @ curves.T)  # [N, K], how much of the change a curve can take up
     _, residual = _projected(phi(_warped(timing, times)), change)
@@ -203,12 +203,12 @@ def _refined(
     damping = np.full(len(change), 1e-3)
     for _ in range(steps):
         warped = _warped(timing, times)
-        curve = _centred(phi(warped))
+        curve = _centerd(phi(warped))
         amplitude, residual = _projected(curve, change)
         towards = amplitude[:, None] * slope(warped)
         # What A and D can take up of a change of R or O is not R's or O's to explain.
-        _, by_rate = _projected(curve, _centred(towards * times))
-        _, by_offset = _projected(curve, _centred(-towards))
+        _, by_rate = _projected(curve, _centerd(towards * times))
+        _, by_offset = _projected(curve, _centerd(-towards))
         rr, ro, oo = _dot(by_rate, by_rate), _dot(by_rate, by_offset), _dot(by_offset, by_offset)
         r, o = _dot(by_rate, residual), _dot(by_offset, residual)
         held = damping * (rr + oo) + _TINY
@@ -224,7 +224,7 @@ def _refined(
 
 def _projected(curve: Doubles, change: Doubles) -> tuple[Doubles, Doubles]:
     """The A that brings a curve nearest to the change, [N], and what is left of it, [N, T]."""
-    curve = _centred(curve)
+    curve = _centerd(curve)
     amplitude = _dot(curve, change) / (_dot(curve, curve) + _TINY)
     return amplitude, change - amplitude[:, None] * curve
 
@@ -239,7 +239,7 @@ def _dot(a: Doubles, b: Doubles) -> Doubles:
     return (a * b).sum(1)
 
 
-def _centred(histories: Doubles) -> Doubles:
+def _centerd(histories: Doubles) -> Doubles:
     """Histories [N, T] less their means over time, which D takes up."""
     return histories - histories.mean(1, keepdims=True)
 

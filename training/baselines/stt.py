@@ -3,7 +3,7 @@
 D. Meister, A. Pospisil, I. Sato, J. Bittner: Spatio-Temporal BRDF: Modeling and Synthesis.
 Computers & Graphics 97, 2021; in the paper's section 2 and the rival of its section 4.3. Where the
 article is silent, its authors' code (meistdan/tsvbrdf) decides: patches of 5 x 5, equalised
-luminance as the only guide, the scale taken per channel. Their randomised PatchMatch with voting
+luminance as the only guide, the scale taken per channel. Their randomized PatchMatch with voting
 (patented) is replaced by a search tree: every texel takes its own best match.
 """
 

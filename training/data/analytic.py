@@ -22,7 +22,7 @@ def random_disney(n: int, generator: torch.Generator) -> DisneyParameters:
 def random_torrance_sparrow(n: int, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
     """`n` materials (kd [n, 3], ks [n, 3], alpha [n]) that cover what textures hold.
 
-    A third are metals (no diffuse, coloured specular), a third dielectrics (weak white specular),
+    A third are metals (no diffuse, colored specular), a third dielectrics (weak white specular),
     a third anything; alpha = roughness^2 with roughness uniform in 0.02..1.
     """
 
@@ -32,9 +32,9 @@ def random_torrance_sparrow(n: int, generator: torch.Generator) -> tuple[Tensor,
     kind = torch.randint(0, 3, (n, 1), generator=generator)
     kd = draw(3) * draw(1)
     ks = draw(3).mul(0.6).add(0.4) * draw(1)
-    grey = draw(1) * 0.12
+    gray = draw(1) * 0.12
     kd = torch.where(kind == 0, kd * 0.03, kd)
-    ks = torch.where(kind == 1, grey.expand_as(ks), ks)
+    ks = torch.where(kind == 1, gray.expand_as(ks), ks)
     mono = draw(1) < 0.5
     ks = torch.where(mono, ks.mean(1, keepdim=True).expand_as(ks), ks)
     alpha = (0.02 + 0.98 * draw()).square()

@@ -11,7 +11,7 @@ process names its sources.
 The progress of a transformation is Avrami's 1 - exp(-(a / tau)^k); an early state gives way to a
 later one as covered area does, linearly in Kd and Ks.
 
-Colours were matched by eye to photographs of such surfaces; they are linear Rec.709.
+Colors were matched by eye to photographs of such surfaces; they are linear Rec.709.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ def _patina(initial: State, age: Array) -> State:
     1987; FitzGerald et al., Corrosion Science 40, 1998). Brass and bronze stay browner, more olive.
     """
     tone = initial.tone
-    colour = initial.kd + initial.ks
+    color = initial.kd + initial.ks
     # Brass and bronze reflect nearly as much green as red; copper does not.
-    yellow = smoothstep(colour[..., 1:2] / (colour[..., :1] + 1e-3), 0.6, 0.9)
+    yellow = smoothstep(color[..., 1:2] / (color[..., :1] + 1e-3), 0.6, 0.9)
 
     cuprite = mix((0.10, 0.038, 0.020), (0.085, 0.055, 0.028), yellow) * (0.6 + 0.8 * tone)
     state = initial.towards(

@@ -74,7 +74,7 @@ class _Coat:
 
 @dataclass(frozen=True)
 class _BentMeasured:
-    """n measured materials, each a mixture of two, made sharper or blunter, recoloured, whitened,
+    """n measured materials, each a mixture of two, made sharper or blunter, recolored, whitened,
     faded, polished.
 
     85 measured materials are few: an encoder trained on them alone stops gaining on unseen ones

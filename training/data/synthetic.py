@@ -25,7 +25,7 @@ from .sequences import Crop, Sequence, uniform_times
 __all__ = ("S1_DELTA", "from_pbr", "offset", "s1", "s2")
 
 S1_DELTA = (0.1, -0.1, 0.0)
-"""The colour offset of the target in S1; in S2 it is zero."""
+"""The color offset of the target in S1; in S2 it is zero."""
 
 
 def from_pbr(folder: Path, patch: Crop) -> TorranceSparrowMaps:

@@ -38,8 +38,8 @@ Rng = np.random.Generator
 
 _SOURCE = "procedural (training/data/weathering.py)"
 _PATCHES = 20  # patches along a side of the tile
-_WORN = 0.35  # share of the patches that wear through to a neighbour
-_NEVER_WORN = ("fading",)  # two dyes would blend to a grey, which has none to lose
+_WORN = 0.35  # share of the patches that wear through to a neighbor
+_NEVER_WORN = ("fading",)  # two dyes would blend to a gray, which has none to lose
 
 
 def generate(process: str, *, size: int = 96, frames: int = 36, seed: int = 0) -> Sequence:
@@ -134,13 +134,13 @@ def initial_values(process: str, *, size: int, rng: Rng) -> tuple[Array, Array, 
     """A patchwork of materials before the process: Kd, Ks [size, size, 3], alpha [size, size]."""
     count = _PATCHES * _PATCHES
     materials = np.stack([draw(process, rng) for _ in range(count)]).astype(np.float32)
-    patch, neighbour, border = _patches(size, rng)
+    patch, neighbor, border = _patches(size, rng)
 
-    # Where patches wear through to the neighbour there are shares between two materials.
+    # Where patches wear through to the neighbor there are shares between two materials.
     worn = (rng.random(count) < (0 if process in _NEVER_WORN else _WORN))[patch]
     wear = fractal_noise(rng, (size, size), cells=(12, 12), gain=0.7) - 4.0 * border + 0.4
     share = np.where(worn, 1 / (1 + np.exp(-4.0 * wear)), 0.0)[..., None].astype(np.float32)
-    values = materials[patch] * (1 - share) + materials[neighbour] * share
+    values = materials[patch] * (1 - share) + materials[neighbor] * share
 
     # Variation inside a patch: lightness together, channels a little, roughness on its own.
     strength = rng.uniform(0.02, 0.35, count)[patch][..., None]
@@ -176,5 +176,5 @@ def _patches(size: int, rng: Rng) -> tuple[NDArray[np.int64], NDArray[np.int64],
     distance, owner = np.stack(distances), np.stack(owners)
     order = np.argsort(distance, axis=0, kind="stable")[:2]
     near = np.take_along_axis(distance, order, 0)
-    patch, neighbour = np.take_along_axis(owner, order, 0)
-    return patch, neighbour, (near[1] - near[0]).astype(np.float32)
+    patch, neighbor = np.take_along_axis(owner, order, 0)
+    return patch, neighbor, (near[1] - near[0]).astype(np.float32)

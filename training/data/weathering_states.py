@@ -86,8 +86,8 @@ def smoothstep(x: Array, low: float, high: float) -> Array:
     return u * u * (3 - 2 * u)
 
 
-def mean(colour: Array) -> Array:
-    return colour.mean(-1, keepdims=True)
+def mean(color: Array) -> Array:
+    return color.mean(-1, keepdims=True)
 
 
 def rgb(*values: float) -> Array:

@@ -42,7 +42,7 @@ _ROUNDS = 6
 _STEPS = 4  # onsets tried in each frame
 _CHUNK = 8192
 _BEGUN = 0.1  # of the change of the texels that change most: begun
-_NEIGHBOURS = 4
+_NEIGHBORS = 4
 _MISSED = 0.02
 _WORTHWHILE = 0.75
 _FEWEST_FRAMES = 5
@@ -180,7 +180,7 @@ def _error_of_alike(known: _Texels, texels: _Texels) -> float:
     """The summed squared error of guessing each of `texels` as the mean of the known ones that
     began most like it, less what is due to that mean's being one of few.
     """
-    count = min(_NEIGHBOURS, known.states.shape[1])
+    count = min(_NEIGHBORS, known.states.shape[1])
     distance = torch.cdist(texels.states[0], known.states[0])
     nearest = distance.topk(count, largest=False).indices
     guess = known.states[:, nearest].mean(2)
@@ -194,10 +194,10 @@ def radial_covariance(values: NDArray[np.floating]) -> NDArray[np.float64]:
     """
     height, width = values.shape
     longest = max(1, min(height, width) // 4)
-    centred = values.astype(np.float64) - values.mean()
+    centerd = values.astype(np.float64) - values.mean()
     padded = (height + longest, width + longest)  # no wrapping within the distances looked at
-    power = np.abs(np.fft.rfft2(centred, padded)) ** 2
-    pairs = np.abs(np.fft.rfft2(np.ones_like(centred), padded)) ** 2
+    power = np.abs(np.fft.rfft2(centerd, padded)) ** 2
+    pairs = np.abs(np.fft.rfft2(np.ones_like(centerd), padded)) ** 2
     total, count = np.fft.irfft2(power, padded), np.fft.irfft2(pairs, padded)
     down, across = (np.fft.fftfreq(side, 1 / side) for side in padded)
     distance = np.rint(np.hypot(down[:, None], across)).astype(np.int64)

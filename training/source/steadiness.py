@@ -67,10 +67,10 @@ def steadied(sequence: Sequence | MixtureSequence) -> Sequence | MixtureSequence
 
 def frames_that_stand_out(sequence: Sequence) -> list[int]:
     """Frames, counted from 0, that most texels leave their way for: at least three times as far
-    from the line between their neighbours as those are from each other.
+    from the line between their neighbors as those are from each other.
 
     Where more than a tenth of the frames would (or more than one, if that is less), none does: that
-    is flicker. The first and the last frame, which have one neighbour, are taken as they are.
+    is flicker. The first and the last frame, which have one neighbor, are taken as they are.
     """
     states = _shown(sequence)
     if len(states) < 3:
@@ -113,8 +113,8 @@ def _unsteady(sequence: Sequence) -> NDArray[np.float64]:
 
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The curve z that minimises |values - z|^2 + s |second differences of z|^2 (Whittaker 1923),
-    with s chosen by generalised cross-validation in which each degree of freedom counts 1.4 times,
+    """The curve z that minimizes |values - z|^2 + s |second differences of z|^2 (Whittaker 1923),
+    with s chosen by generalized cross-validation in which each degree of freedom counts 1.4 times,
     so that noise is not taken for the curve (Kim and Gu 2004).
     """
     count = len(values)

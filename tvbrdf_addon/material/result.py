@@ -22,7 +22,7 @@ __all__ = ("AgedMap", "AgedMaps", "LiveFiles", "Unit", "read_result", "result_fo
 
 @dataclass(frozen=True)
 class AgedMap:
-    """One map over time: `files` for the modelled frames `stored`, counted from 0, and straight
+    """One map over time: `files` for the modeled frames `stored`, counted from 0, and straight
     between them.
 
     One that never `changes` has one file; a `uniform` map has one texel.
@@ -57,7 +57,7 @@ _WORLD = Unit(1.0, of_texture=False)
 
 @dataclass(frozen=True)
 class AgedMaps:
-    """A whole result.  `times` are the ages of the modelled frames, rising from 0 to 1; `height`
+    """A whole result.  `times` are the ages of the modeled frames, rising from 0 to 1; `height`
     is None where nothing rises or sinks.
     """
 

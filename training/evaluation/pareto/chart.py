@@ -68,7 +68,7 @@ def draw_chart(report: ParetoReport, path: Path) -> None:
         ax.set_ylabel("PSNR against exact (dB)")
         ax.set_xlabel("core seconds a material")
     axes[2].set_ylabel("PSNR against the truth (dB)")
-    axes[2].set_xlabel("core seconds a case, modelling alone")
+    axes[2].set_xlabel("core seconds a case, modeling alone")
     knobs = dict.fromkeys(point.knob for point in report.points)
     handles = [
         Line2D([], [], linestyle="none", marker="o", color=_COLORS[k], label=_TITLES.get(k, k))

@@ -18,7 +18,7 @@ from model_runtime.age import AgeRequest
 from model_runtime.contract import AUTO, BALANCED, EXACT, LSTM_LATENTS
 from model_runtime.modelling.aged import EFFORTS
 
-from ..bench.ageing import age_silently
+from ..bench.aging import age_silently
 from ..bench.kept import identity, kept_json
 from ..bench.results import chosen, write_report
 from ..synthesis.sources import Effort as Learning
@@ -36,8 +36,8 @@ __all__ = ("evaluate_pareto",)
 
 _QUARTER = 4
 _TIMES = 16
-_KINDS_OF_MODELLING = ("", "palette", "rung", "samples", "fit", "precision")
-"""Knobs that change what is modelled, and so how near to the truth it is."""
+_KINDS_OF_MODELING = ("", "palette", "rung", "samples", "fit", "precision")
+"""Knobs that change what is modeled, and so how near to the truth it is."""
 
 
 def evaluate_pareto(
@@ -198,7 +198,7 @@ def _points(
     known = {
         setting.name: truth.setting(setting.name, setting.effort, setting.rung)
         for setting in tqdm(settings, desc="known histories", unit=" setting")
-        if setting.knob in _KINDS_OF_MODELLING
+        if setting.knob in _KINDS_OF_MODELING
     }
     points = [point_of(each, runs[each.name], known.get(each.name)) for each in settings]
     by_name = {point.name: point for point in points}
@@ -221,18 +221,18 @@ def _materials(data: Path, names: Sequence[str] | None) -> list[Path]:
 
 
 def _rival(name: str, truth: TruthRun, balanced: Point, times: float) -> Point:
-    """A method that is compared with the truth alone: its seconds are those of modelling, `times`
+    """A method that is compared with the truth alone: its seconds are those of modeling, `times`
     as many texels as the truth has, and of reading and writing them as `balanced` does.
     """
-    modelling = truth.seconds * times
+    modeling = truth.seconds * times
     return replace(
         balanced,
         name=name,
         knob="rival",
         panel="rival",
-        core=modelling + balanced.core_of("read") + balanced.core_of("write"),
+        core=modeling + balanced.core_of("read") + balanced.core_of("write"),
         wall=None,
-        stages={"model": modelling},
+        stages={"model": modeling},
         psnr={},
         worst_frame=None,
         megabytes=None,

@@ -48,12 +48,12 @@ def compared(frames: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Exact:
-    """n texels of a material of `size`, modelled each for itself with all samples.
+    """n texels of a material of `size`, modeled each for itself with all samples.
 
     rows: [n] which texels, in row order
     states: [t, n, C] at `times` [t], 0 to 1, as the written maps would hold them
     rung: the model of change
-    seconds: of one core that modelling them took
+    seconds: of one core that modeling them took
     authored: their own sockets, as an image one texel wide
     """
 
@@ -130,7 +130,7 @@ def exact_texels(
     seed: int = 0,
 ) -> Exact:
     """`texels` random ones of `material` (all, where it has fewer), aged by `rung` (or "auto") of
-    the bundled model `ntm_name` with the onset that `age --size size` gives them. What was modelled
+    the bundled model `ntm_name` with the onset that `age --size size` gives them. What was modeled
     stays in `folder`.
     """
     representation, encoder = load_representation()
@@ -178,7 +178,7 @@ def exact_texels(
 
 
 def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
-    """States [n, C] of the sockets that ageing writes, the others as authored."""
+    """States [n, C] of the sockets that aging writes, the others as authored."""
     written = {name: np.asarray(pixels, np.float32) for name, pixels in maps.items()}
     seen = principled.forward(
         PrincipledMaps(**written, ior=authored.ior, specular_tint=authored.specular_tint)

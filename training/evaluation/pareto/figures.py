@@ -43,14 +43,14 @@ class Probes:
 
 
 def each_texel(exact: Sequence[Exact]) -> float:
-    """Seconds of a core that modelling a texel exactly takes."""
+    """Seconds of a core that modeling a texel exactly takes."""
     return sum(one.seconds for one in exact) / sum(len(one.rows) for one in exact)
 
 
 def exact_point(
     name: str, base: Point, exact: Sequence[Exact], texels: int, truth: TruthRun
 ) -> Point:
-    """Every texel for itself: `base`, its modelling replaced by that of `exact`, which was timed on
+    """Every texel for itself: `base`, its modeling replaced by that of `exact`, which was timed on
     fewer than the `texels` of a map.
     """
     stages = {stage: base.core_of(stage) for stage in base.stages}
@@ -250,8 +250,8 @@ def savings(points: Mapping[str, Point], probes: Probes) -> list[Saving]:
     """Each with and without, all else being as in `balanced` (or in the setting `latents`)."""
     fitted = "latents, fitted"
     found = [
-        Saving("palette, modelling", "core s", *_models(points, "exact", "balanced")),
-        Saving("palette, modelling latents", "core s", *_models(points, "latents exact", fitted)),
+        Saving("palette, modeling", "core s", *_models(points, "exact", "balanced")),
+        Saving("palette, modeling latents", "core s", *_models(points, "latents exact", fitted)),
         Saving("estimator", "core s", *_models(points, fitted, LATENTS)),
         Saving("encoder's short cut", "core s", *_models(points, "latents, m = 258", LATENTS)),
     ]

@@ -16,7 +16,7 @@ import numpy as np
 from model_runtime.age import AgeRequest
 from model_runtime.images import write_exr
 
-from ..bench.ageing import age_silently, megabytes
+from ..bench.aging import age_silently, megabytes
 
 __all__ = ("large_run", "uniform_run", "warm_worker")
 
@@ -27,7 +27,7 @@ _CHILD = """
 import json, sys, time
 from pathlib import Path
 from model_runtime.age import AgeRequest
-from training.evaluation.bench.ageing import age_silently, megabytes
+from training.evaluation.bench.aging import age_silently, megabytes
 material, ntm, output, size, frames, binding = sys.argv[1:]
 request = AgeRequest(
     Path(material), ntm, Path(output), size=int(size), frames=int(frames), binding=binding

@@ -41,7 +41,7 @@ class Point(Result):
     worst_frame: the lowest PSNR of any frame of any material
     extrapolated: whether the seconds are partly worked out from fewer texels
     front, truth_front: whether no other of the panel is faster and as near to exact; and, in
-    modelling alone, to the truth
+    modeling alone, to the truth
     beaten_by: those of the panel that are, where it is not on the front
     """
 
@@ -137,7 +137,7 @@ class Figure(Result):
 
 @dataclass(frozen=True)
 class Saving(Result):
-    """What is saved by not modelling or storing everything: core seconds, megabytes and, where it
+    """What is saved by not modeling or storing everything: core seconds, megabytes and, where it
     costs any, dB against exact, `without` it and `with` it.
     """
 

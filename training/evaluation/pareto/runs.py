@@ -19,7 +19,7 @@ from model_runtime.images import Compression, read_image
 from model_runtime.model_files.weights import ENCODER, ESTIMATOR, find_model
 from model_runtime.output.stored import StagedResult
 
-from ..bench.ageing import age_silently, megabytes
+from ..bench.aging import age_silently, megabytes
 from ..bench.kept import identity, kept_json
 from .exact import Exact
 from .settings import Setting

@@ -70,7 +70,7 @@ class Truth:
     paper_texels: int = 4
 
     def setting(self, name: str, effort: Effort, rung: str) -> TruthRun:
-        """Ageing with `effort` by `rung`, or "auto", of a ladder trained on the case's source, from
+        """Aging with `effort` by `rung`, or "auto", of a ladder trained on the case's source, from
         the parameters of the target's first frame, as maps hold them.
         """
 

@@ -64,11 +64,11 @@ def analytic_groups() -> dict[str, Group]:
     parameters = random_disney(12, g)
     numbers = tuple(str(i) for i in range(12))
     alphas = torch.tensor((1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 1.0))
-    gold, grey = torch.tensor((0.9, 0.6, 0.3)), torch.full((3,), 0.04)
+    gold, gray = torch.tensor((0.9, 0.6, 0.3)), torch.full((3,), 0.04)
     paint = torch.tensor((0.1, 0.2, 0.7))
     mirrors = (
         torch.cat((torch.zeros(7, 3), paint.expand(7, 3))),
-        torch.cat((gold.expand(7, 3), grey.expand(7, 3))),
+        torch.cat((gold.expand(7, 3), gray.expand(7, 3))),
         alphas.repeat(2),
     )
     bright = (

@@ -23,11 +23,11 @@ from .probes import SEED, Group, analytic_groups, measured_groups, reflecting, t
 
 __all__ = (
     "agreement",
-    "colour_permutation",
+    "color_permutation",
     "energy",
     "everywhere",
     "measure_properties",
-    "neighbourhood",
+    "neighborhood",
     "range_of_values",
     "reciprocity",
     "short_cut",
@@ -93,8 +93,8 @@ def _double(model: Trained) -> Trained:
     return copy.deepcopy(model).double()
 
 
-def colour_permutation(model: Trained, group: Group) -> dict[str, float]:
-    """Largest changes over all six orders of the channels: of shared and of colour latents (put
+def color_permutation(model: Trained, group: Group) -> dict[str, float]:
+    """Largest changes over all six orders of the channels: of shared and of color latents (put
     back in order), over their root mean square, and of the decoded BRDF, relative.
 
     In single precision, and (`exact`, decoded only) in double, which tells rounding from the rest.
@@ -210,7 +210,7 @@ def agreement(model: Trained, group: Group) -> dict[str, float]:
     }
 
 
-def neighbourhood(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, float]:
+def neighborhood(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, float]:
     """Spearman's rank correlation, over all pairs of `n` random Torrance-Sparrow materials, of the
     distance of their latents and the root mean square difference of their tone-mapped spheres.
     """
@@ -252,12 +252,12 @@ def measure_properties(model: Trained, data: Path, *, pixels: int = 16) -> dict[
     everything = together(groups)
     sphere = Sphere.load(data / "hdri", pixels=pixels, height=16, width=32)
     return {
-        "colour_permutation": colour_permutation(model, everything),
+        "color_permutation": color_permutation(model, everything),
         "reciprocity": reciprocity(model, everything),
         "range": range_of_values(model, everything),
         "energy": {name: energy(model, group) for name, group in groups.items()},
         "agreement": agreement(model, everything),
-        "neighbourhood": neighbourhood(model, sphere),
+        "neighborhood": neighborhood(model, sphere),
         "short_cut": short_cut(model, sphere),
         "stability": measure_stability(model, data, sphere),
     }

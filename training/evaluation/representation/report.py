@@ -94,9 +94,9 @@ def _cost_table(report: Report) -> str:
 
 _PROPERTIES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     (
-        "channels permuted: change of shared latents / of colour latents put back / of the decoded",
+        "channels permuted: change of shared latents / of color latents put back / of the decoded",
         lambda p: " / ".join(
-            f"{p['colour_permutation'][key]:.0e}" for key in ("shared", "color", "decoded")
+            f"{p['color_permutation'][key]:.0e}" for key in ("shared", "color", "decoded")
         ),
     ),
     (
@@ -132,7 +132,7 @@ _PROPERTIES: tuple[tuple[str, Callable[[Mapping[str, Any]], str]], ...] = (
     ),
     (
         "near latents, near pictures: rank correlation",
-        lambda p: f"{p['neighbourhood']['rank_correlation']:.2f}",
+        lambda p: f"{p['neighborhood']['rank_correlation']:.2f}",
     ),
     (
         "parametric materials, mean / worst dB: sampled, and from their parameters",
@@ -162,7 +162,7 @@ in the list of materials, but it is not counted as a worst, nor in the 5 % quant
 - NBRDF is trained here, a network a material, at the directions that the paper's encoder reads; \
 its time to encode is the training of a uniform material, and its minutes are those of all \
 networks of the table.
-- Frames of tvBTF45 (its centre) and SnowyGround are wrapped over the sphere; a texel covers 4 x 4 \
+- Frames of tvBTF45 (its center) and SnowyGround are wrapped over the sphere; a texel covers 4 x 4 \
 pixels, which leaves about 200 distinct BRDFs in the visible disc. Values are clamped to what can \
 be rendered. One score a frame, five frames.
 - Times are of one core; encoders work in batches of up to 64 BRDFs.

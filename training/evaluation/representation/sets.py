@@ -33,9 +33,9 @@ dear."""
 _TIMES = 5
 _ANALYTIC = 100
 _TOGETHER = 25
-_CENTRE: Crop = (slice(80, 380), slice(80, 380))
+_CENTER: Crop = (slice(80, 380), slice(80, 380))
 _SOURCES: dict[str, tuple[str, Crop | None]] = {
-    "tvbtf45": ("tvBTF45", _CENTRE),
+    "tvbtf45": ("tvBTF45", _CENTER),
     "snowyground": ("SnowyGround", None),
 }
 

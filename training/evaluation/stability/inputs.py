@@ -40,7 +40,7 @@ def _noise(setup: TrialSetup, percent: float) -> Trial:
 
 
 def _bits(setup: TrialSetup, bits: float) -> Trial:
-    """Colour (in sRGB) and roughness, each rounded to so many bits a channel."""
+    """Color (in sRGB) and roughness, each rounded to so many bits a channel."""
     levels = 2 ** int(bits) - 1
 
     def coarse(image: Image.Image) -> Image.Image:
@@ -51,7 +51,7 @@ def _bits(setup: TrialSetup, bits: float) -> Trial:
 
 
 def _jpeg(setup: TrialSetup, quality: float) -> Trial:
-    """Colour and roughness saved once more as JPEG."""
+    """Color and roughness saved once more as JPEG."""
 
     def saved(image: Image.Image) -> Image.Image:
         file = io.BytesIO()

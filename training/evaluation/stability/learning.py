@@ -1,5 +1,5 @@
 """Stresses of learning: sources that are short, gappy or unsteady; fewer samples and materials
-modelled, coarser numbers, sudden ends. The target is undamaged.
+modeled, coarser numbers, sudden ends. The target is undamaged.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ LEARNING: Mapping[str, Stress] = {
         note="only encoders read samples; the product chooses a rung that reads none",
     ),
     "palette": Stress(
-        "materials modelled", "entries of the palette",
+        "materials modeled", "entries of the palette",
         (2048.0, 64.0, 16.0, 4.0, 1.0), _palette,
         ("ours", *LADDER),
         note="the rivals model every texel: they have no palette",

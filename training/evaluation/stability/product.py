@@ -20,7 +20,7 @@ from model_runtime.modelling.aged import EFFORTS, Effort
 from model_runtime.request import request_from
 from model_runtime.states import rows_of
 
-from ..bench.ageing import age_silently
+from ..bench.aging import age_silently
 from .trials import Trial
 
 __all__ = ("Aged", "age_trial")

@@ -146,11 +146,11 @@ def _legend(report: StabilityReport) -> list[Line2D | Patch]:
         Line2D([], [], color=LOOKS[name].color, marker="o", label=LOOKS[name].title)
         for name in _shown(report)
     ]
-    grey = "#777777"
+    gray = "#777777"
     return [
         *lines,
-        Line2D([], [], color=grey, marker="o", mfc="white", linestyle="", label="out of gamut"),
-        Line2D([], [], color=grey, marker="x", linestyle="", label="nothing came out"),
-        Line2D([], [], color=grey, linestyle="--", label=f"{FAILS_BELOW:g} dB: failed below"),
+        Line2D([], [], color=gray, marker="o", mfc="white", linestyle="", label="out of gamut"),
+        Line2D([], [], color=gray, marker="x", linestyle="", label="nothing came out"),
+        Line2D([], [], color=gray, linestyle="--", label=f"{FAILS_BELOW:g} dB: failed below"),
         Patch(color=LOOKS[_OURS].color, alpha=0.15, label="the product warns or refuses"),
     ]

@@ -25,7 +25,7 @@ from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...data.sequences import Sequence
 from ...metric.sphere import psnr
-from ..bench.ageing import texels_of
+from ..bench.aging import texels_of
 from ..bench.spheres import TexturedSphere
 from ..synthesis.methods import Decoded, Method, Models, Rung, Transferred, method_for
 from .product import age_trial

@@ -29,7 +29,7 @@ def _roughness_gap(setup: TrialSetup, beta: float) -> Trial:
     return Trial(_gap("s2", s2(source, _A), s2(start, _A)))
 
 
-def _colour_gap(setup: TrialSetup, factor: float) -> Trial:
+def _color_gap(setup: TrialSetup, factor: float) -> Trial:
     source, target = setup.patches(_GAP_MATERIAL)
     red, green, blue = S1_DELTA
     delta = (red * factor, green * factor, blue * factor)
@@ -116,11 +116,11 @@ TARGETS: Mapping[str, Stress] = {
         _roughness_gap,
         note=_AFFINE,
     ),
-    "colour_gap": Stress(
-        "gap in colour (S1)",
+    "color_gap": Stress(
+        "gap in color (S1)",
         "\N{GREEK SMALL LETTER DELTA}, in units of the paper's",
         (0.0, 1.0, 2.0, 4.0, 8.0),
-        _colour_gap,
+        _color_gap,
         note=_AFFINE,
     ),
     "alpha_small": Stress(

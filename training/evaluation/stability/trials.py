@@ -108,7 +108,7 @@ class Trial:
     unscored: texels [H, W] that do not count; None: all do
     last_only: whether only the last frame is scored, instead of four evenly spaced ones
     span: how long the target is, in units of the source's time
-    palette, samples: how many materials may be modelled, how many directions encoders see
+    palette, samples: how many materials may be modeled, how many directions encoders see
     dtype: the number format in which everything given and learned is stored
     killed: the share of the training after which it is killed, and resumed
     """

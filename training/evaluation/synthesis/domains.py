@@ -27,7 +27,7 @@ from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...data.nbrdf import load
 from ...data.weathering import generate
-from ..bench.ageing import texels_of
+from ..bench.aging import texels_of
 from ..bench.results import Result
 
 __all__ = ("FITTING", "FOREIGN", "DomainResult", "domain_roc", "judged", "roc")
@@ -60,13 +60,13 @@ FITTING = {
 pale plastic, varnished oak, wood."""
 
 FOREIGN = {
-    # not for coloured metals and lacquers, nor for cloth and foam
+    # not for colored metals and lacquers, nor for cloth and foam
     "rust": (
         *("pbr/Metal035", _ORANGE_CHROME, _BLUE_CHROME, _GOLDEN_CHROME, _RED_CHROME),
         *(_PINK_CHROME, "merl/gold-metallic-paint", "merl/light-brown-fabric"),
         *("merl/black-fabric", "merl/polyurethane-foam"),
     ),
-    # not for grey metals, nor for what is no metal
+    # not for gray metals, nor for what is no metal
     "patina": (
         *("pbr/Metal024", "pbr/Metal032", "pbr/Wood049", "pbr/Plastic005", "pbr/Granite002A"),
         *("pbr/Fabric045", "pbr/PaintedMetal004", "pbr/Leather028"),

@@ -21,7 +21,7 @@ from model_runtime.reading.inputs import hash_file
 from ...data.nbrdf import load
 from ...data.sequences import Sequence, read_sequence
 from ...metric.sphere import tone_map
-from ..bench.ageing import age_silently, texels_of
+from ..bench.aging import age_silently, texels_of
 from ..bench.charts import bare, pixels_in_place
 from ..bench.kept import identity, kept
 from ..bench.spheres import SHOWN, TexturedSphere

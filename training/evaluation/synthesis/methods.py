@@ -24,7 +24,7 @@ from model_runtime.temporal.models import LatentLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...baselines import staf, stt
-from ..bench.ageing import texels_of
+from ..bench.aging import texels_of
 from ..bench.encoders import WEIGHTS, trained_encoder
 from ..bench.results import chosen
 from .cases import Case
@@ -144,7 +144,7 @@ class Decoded:
 @dataclass(frozen=True)
 class Rung:
     """One rung of a ladder as the product uses it, or (None) the one that it chooses: every texel
-    is modelled for itself and anchored to what it was. `samples` as in `roll_out`.
+    is modeled for itself and anchored to what it was. `samples` as in `roll_out`.
     """
 
     ntm: NeuralTemporalModel

@@ -21,7 +21,7 @@ from ...ntm import PARTS, NTMConfig, train_ladder, train_lstm
 from ...source.histories import source_histories
 from ...source.onsets import timed
 from ...source.steadiness import steadied
-from ..bench.ageing import texels_of
+from ..bench.aging import texels_of
 from ..bench.kept import identity, kept
 from .stage import thinned
 

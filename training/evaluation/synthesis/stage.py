@@ -21,7 +21,7 @@ from ...data.location import data_folder
 from ...data.nbrdf import load
 from ...data.sequences import MixtureSequence, Sequence
 from ...metric.sphere import psnr
-from ..bench.ageing import texels_of
+from ..bench.aging import texels_of
 from ..bench.spheres import TexturedSphere
 from .cases import Case
 

@@ -21,7 +21,7 @@ from model_runtime.temporal.onset import onset_map, rate_map
 
 from ...data.sequences import Sequence
 from ...source.onsets import radial_covariance
-from ..bench.ageing import texels_of
+from ..bench.aging import texels_of
 from .methods import Rung
 from .stage import Stage
 

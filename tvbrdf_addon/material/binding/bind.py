@@ -57,10 +57,10 @@ def bind(
     """Shows the result in `folder` (`aged.json` and its files) on `material`, over the frames.
 
     `uv_map` is one to be added to the meshes, by which the timing of a live result is looked up.
-    An earlier ageing is taken away first.  Nodes are only added and sockets relinked; the material
+    An earlier aging is taken away first.  Nodes are only added and sockets relinked; the material
     keeps a record from which `revert` restores it.  Returns warnings, a sentence each.  Raises
     `MaterialError`; one about the result leaves the material untouched, one about its nodes leaves
-    it as it was before ageing.
+    it as it was before aging.
     """
     if frame_end <= frame_start:
         raise MaterialError(

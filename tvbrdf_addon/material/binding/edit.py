@@ -36,7 +36,7 @@ class Edit:
     """One edit of a material under way: adds nodes, takes sockets over, shows maps on them.
 
     `span` are the first and last frame of the scene that ages 0 to 1 are spread over, `times` the
-    ages of the modelled frames, if there are such.  `finish` writes the record; call it also
+    ages of the modeled frames, if there are such.  `finish` writes the record; call it also
     before undoing a failed edit.
     """
 
@@ -184,7 +184,7 @@ class Edit:
     def _show_values(
         self, aged: AgedMap, socket: bpy.types.NodeSocket, transform: Transform | None
     ) -> None:
-        """Keys the socket once a modelled frame, straight between them."""
+        """Keys the socket once a modeled frame, straight between them."""
         texels = [read_exr_texel(path) for path in aged.files]
         if aged.changes:
             frames = range(len(self._times))

@@ -75,7 +75,7 @@ def _hold(socket: bpy.types.NodeSocket, frame: int) -> None:
 
 
 def _driven(driven: bpy.types.bpy_struct, name: str, frame: int, last: int) -> float:
-    """The value that the driver of a property has on `frame`, where Age 1 is the modelled frame
+    """The value that the driver of a property has on `frame`, where Age 1 is the modeled frame
     `last`; without one, or without the Age that it follows, the value now.
     """
     now = getattr(driven, name)

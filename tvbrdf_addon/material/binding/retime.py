@@ -14,7 +14,7 @@ __all__ = ("keyed_range", "retime")
 
 
 def retime(material: bpy.types.Material, first: int, last: int) -> None:
-    """Lets ageing begin on frame `first` and end on `last`; keys between keep their shares.
+    """Lets aging begin on frame `first` and end on `last`; keys between keep their shares.
 
     Does nothing to a material that is not aged, and where there are no such frames.
     """
@@ -37,7 +37,7 @@ def retime(material: bpy.types.Material, first: int, last: int) -> None:
 
 
 def keyed_range(material: bpy.types.Material) -> tuple[float, float] | None:
-    """The first and last frame with a key of ageing; None without keys."""
+    """The first and last frame with a key of aging; None without keys."""
     curves = list(_curves(material))
     if not curves:
         return None

@@ -31,7 +31,7 @@ NAME = "Age"
 
 
 def frame_range(material: bpy.types.Material, scene: bpy.types.Scene) -> tuple[int, int]:
-    """First and last frame of ageing."""
+    """First and last frame of aging."""
     settings = material.tvbrdf
     if settings.use_scene_range:
         return scene.frame_start, scene.frame_end

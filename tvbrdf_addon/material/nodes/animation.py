@@ -31,7 +31,7 @@ FCurves: TypeAlias = "bpy.types.ActionFCurves | Sequence[bpy.types.FCurve]"
 
 @dataclass(frozen=True)
 class AnimationBefore:
-    """The animation data of a material, or its node tree, before ageing touched it."""
+    """The animation data of a material, or its node tree, before aging touched it."""
 
     existed: bool
     action: str | None = None
@@ -52,7 +52,7 @@ class AnimationBefore:
         )
 
     def claim(self, owner: Animated) -> None:
-        """Marks an action that ageing gave the owner, so that it is known to be ours later."""
+        """Marks an action that aging gave the owner, so that it is known to be ours later."""
         if self.action is None and owner.animation_data and owner.animation_data.action:
             owner.animation_data.action[TAG] = 1
 
@@ -227,7 +227,7 @@ def drive_by_age(
     """Drives the property `path` of `driven` by the custom property `age` of the material: with
     its value, or along a curve through `points`.
 
-    A point is a modelled frame, from 0 at Age 0 to `last` at Age 1, and the value from there on
+    A point is a modeled frame, from 0 at Age 0 to `last` at Age 1, and the value from there on
     or there.  The expression is a simple one: Blender evaluates it, and the curve, without Python,
     so it also works in a file whose scripts may not run.
     """

@@ -74,7 +74,7 @@ def originals_lost(tree: bpy.types.NodeTree) -> list[str]:
 
 
 def require_ungrouped(tree: bpy.types.NodeTree, name: str) -> None:
-    """Raises `MaterialError`, about the material `name`, where an artist has put what ageing added
+    """Raises `MaterialError`, about the material `name`, where an artist has put what aging added
     to its tree into a group.
     """
     for node in tree.nodes:
@@ -101,7 +101,7 @@ def restore_groups(tree: bpy.types.NodeTree) -> None:
 
 
 def _remove_added(copy: bpy.types.NodeTree) -> None:
-    """Takes the sockets that ageing added from a copy, and so from the nodes that show it.
+    """Takes the sockets that aging added from a copy, and so from the nodes that show it.
 
     Blender 4.2.0 leaves them on a node that shows another group from then on, or whose group loses
     them with their panel.

@@ -28,7 +28,7 @@ class Layout:
         self._frame.color = (0.35, 0.2, 0.12)
 
     def add(self, kind: str, label: str, *, column: int, row: int) -> bpy.types.Node:
-        """A tagged node of type `kind` named and labelled `label`."""
+        """A tagged node of type `kind` named and labeled `label`."""
         node = self._new(kind, label)
         node.parent = self._frame
         node.location = (self._right - (column + 1) * _COLUMN, self._top - row * _ROW)

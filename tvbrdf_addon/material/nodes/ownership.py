@@ -1,4 +1,4 @@
-"""Marks what ageing adds to a file, and counts who uses it."""
+"""Marks what aging adds to a file, and counts who uses it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ageing changed in a material, kept in the material itself so that Revert can undo it."""
+"""What aging changed in a material, kept in the material itself so that Revert can undo it."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class SocketBefore:
 
 @dataclass(frozen=True)
 class Record:
-    """Everything that ageing changed in a node tree besides the nodes it added, which are tagged.
+    """Everything that aging changed in a node tree besides the nodes it added, which are tagged.
 
     `links` are all links in their order, which Blender keeps and a restored link would lose.
     `distribution` is the Principled's own, where it was changed.  `frames` is the number of files
@@ -107,7 +107,7 @@ class Record:
 
 
 def is_aged(material: bpy.types.Material) -> bool:
-    """Whether the material shows an ageing that `revert` can take away."""
+    """Whether the material shows an aging that `revert` can take away."""
     return bool(material.tvbrdf.original)
 
 
@@ -154,7 +154,7 @@ def load(material: bpy.types.Material, name: str) -> Record:
 
 
 def tagged(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
-    """The nodes that ageing added."""
+    """The nodes that aging added."""
     return [node for node in tree.nodes if TAG in node]
 
 

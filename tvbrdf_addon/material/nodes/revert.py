@@ -1,4 +1,4 @@
-"""Takes an ageing away: the material is again what the artist made."""
+"""Takes an aging away: the material is again what the artist made."""
 
 from __future__ import annotations
 

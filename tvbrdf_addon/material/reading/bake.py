@@ -62,9 +62,9 @@ def bake_sockets(
 
     `copy` is a copy of the material that may be changed, and so may the groups that its Principled
     BSDF lies in.  `size` is the (height, width) at which
-    each tile is baked, `shape` that to which it is then resampled, if it is another.  Colours are
+    each tile is baked, `shape` that to which it is then resampled, if it is another.  Colors are
     [H, W, 3], numbers [H, W] for all tiles together; the coverage [H, W] is 1 where a face lies.
-    One sample at the texel's centre, or the mean of several where what is baked is noisy or finer
+    One sample at the texel's center, or the mean of several where what is baked is noisy or finer
     than a texel; the same input gives the same maps.  Of a target's object faces must have been
     required (`unwrap.require_faces`).  Raises `MaterialError` where Cycles fails.
     """
@@ -177,7 +177,7 @@ def _keep_used(
 
 
 def _passes(sockets: Sequence[bpy.types.NodeSocket]) -> Iterator[list[bpy.types.NodeSocket]]:
-    """A colour fills a pass; three numbers share one."""
+    """A color fills a pass; three numbers share one."""
     numbers = []
     for socket in sockets:
         if socket.type == "RGBA":
@@ -215,7 +215,7 @@ def _look_up_texels(
             # Beside tiles, an image without any goes on as it does.
             if tiles.are_one or (image and image.source == "TILED"):
                 node.extension = "EXTEND"
-            # Baking samples a thousandth of a texel beside the centre.
+            # Baking samples a thousandth of a texel beside the center.
             same = image and image_sizes(image) == {size}
             node.interpolation = "Closest" if same else "Linear"
 

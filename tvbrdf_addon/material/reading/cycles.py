@@ -16,7 +16,7 @@ from .tiles import Tile
 __all__ = ("Baker", "baking_scene")
 
 _UV_MAP = "tvbrdf tile"
-# Cycles' own samples of a texel lie in the quarter around its centre: four bakes make all of it,
+# Cycles' own samples of a texel lie in the quarter around its center: four bakes make all of it,
 # all but a hair, as they lie some thousandths beside.
 _QUARTER = 0.2475
 _QUARTERS = tuple((_QUARTER * x, _QUARTER * y) for x in (-1, 1) for y in (-1, 1))
@@ -65,7 +65,7 @@ class Baker:
         samples: int = 1,
         shift: tuple[float, float] = (0.0, 0.0),
     ) -> Array:
-        """The texels [H, W, 3] of a tile of `size`: at their centres, moved by a `shift` in texels.
+        """The texels [H, W, 3] of a tile of `size`: at their centers, moved by a `shift` in texels.
 
         Several samples lie around these.
         """

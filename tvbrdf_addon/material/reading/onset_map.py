@@ -223,7 +223,7 @@ def _bake(target: Target, attribute: str, size: tuple[int, int], frame: int) -> 
 
 @contextmanager
 def _emitter(kind: str) -> Iterator[tuple[bpy.types.Material, bpy.types.Node]]:
-    """A passing material whose Metallic is the colour of a node, given too, and whose Roughness is
+    """A passing material whose Metallic is the color of a node, given too, and whose Roughness is
     another one's 1.
     """
     material = bpy.data.materials.new("tvbrdf onset")

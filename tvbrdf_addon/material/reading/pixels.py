@@ -31,7 +31,7 @@ _BYTES_PER_TEXEL = 50
 
 
 def _luminance() -> Array:
-    """What Cycles makes of a colour that feeds a number: each primary's share, which the OCIO
+    """What Cycles makes of a color that feeds a number: each primary's share, which the OCIO
     configuration tells.
     """
     primaries = (mathutils.Color(row) for row in np.eye(3).tolist())
@@ -55,7 +55,7 @@ def require_memory(size: tuple[int, int], bytes_per_texel: int) -> None:
 
 
 def image_pixels(image: bpy.types.Image) -> Array:
-    """An image's raw pixels [H, W, 4], in its own colour space if it has 8 bits, linear if more."""
+    """An image's raw pixels [H, W, 4], in its own color space if it has 8 bits, linear if more."""
     width, height = image.size
     require_memory((height, width), _BYTES_PER_TEXEL)
     pixels = np.empty(width * height * 4, np.float32)
@@ -69,7 +69,7 @@ def set_as_data(image: bpy.types.Image) -> None:
 
 
 def linear_color(image: bpy.types.Image, *, alpha_is_used: bool) -> Array | None:
-    """An image's linear colour [H, W, 3]; None where Cycles mixes its alpha into it, its own way.
+    """An image's linear color [H, W, 3]; None where Cycles mixes its alpha into it, its own way.
 
     Images of more than 8 bits are linear as soon as they are loaded.
     """
@@ -85,7 +85,7 @@ def linear_color(image: bpy.types.Image, *, alpha_is_used: bool) -> Array | None
 
 
 def in_file(image: bpy.types.Image) -> Array:
-    """An image's colour [H, W, 3] as its file holds it, or would once it is saved."""
+    """An image's color [H, W, 3] as its file holds it, or would once it is saved."""
     managed = image.is_float and not image.colorspace_settings.is_data
     if managed and image.source == "FILE" and not image.is_dirty:
         # 16 bits: Blender has made them linear when it loaded them.
@@ -102,8 +102,8 @@ def in_file(image: bpy.types.Image) -> Array:
 
 def luminance(pixels: Array) -> Array:
     """What counts of a map [H, W, C] where a number is asked for, as in Cycles: [H, W]."""
-    grey = pixels.shape[-1] == 1 or (pixels == pixels[..., :1]).all()
-    return pixels[..., 0] if grey else pixels @ _luminance()  # grey stays exact
+    gray = pixels.shape[-1] == 1 or (pixels == pixels[..., :1]).all()
+    return pixels[..., 0] if gray else pixels @ _luminance()  # gray stays exact
 
 
 def _srgb_to_linear(color: Array) -> Array:
@@ -145,7 +145,7 @@ def write_exr(path: Path, pixels: Array) -> None:
 
 
 def read_exr_texel(path: Path) -> tuple[float, float, float]:
-    """The colour of the only texel of a 1 x 1 EXR (a number comes as three equal ones)."""
+    """The color of the only texel of a 1 x 1 EXR (a number comes as three equal ones)."""
     pixels = read_exr(path)
     if pixels.shape[:2] != (1, 1):
         raise MaterialError(

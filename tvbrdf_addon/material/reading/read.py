@@ -152,7 +152,7 @@ def read(
 
 @contextmanager
 def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
-    """A copy of the material as it was before any ageing, to read from and to bake with."""
+    """A copy of the material as it was before any aging, to read from and to bake with."""
     copy = material.copy()
     try:
         revert(copy, owner=material)

@@ -177,7 +177,7 @@ def is_constant(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] =
 
 
 def is_direct(socket: bpy.types.NodeSocket, groups: Sequence[bpy.types.Node] = ()) -> bool:
-    """Whether a socket shows an image's colour and nothing else, one that can be read as it is."""
+    """Whether a socket shows an image's color and nothing else, one that can be read as it is."""
     source = resolve(socket, groups)
     if not source.is_output or source.node.type != "TEX_IMAGE" or source.name != "Color":
         return False

@@ -138,14 +138,14 @@ def _touched(
     uv_map: str,
     at: int | bpy.types.Depsgraph,
 ) -> set[Tile]:
-    """The tiles in which triangles have a corner or their centre."""
+    """The tiles in which triangles have a corner or their center."""
     found: set[Tile] = set()
     for obj in distinct(objects):
         if obj.type != "MESH" or obj.hide_render:
             continue
         uv = _uv_of(obj, material, uv_map, at)
-        centre = uv.mean(1, keepdims=True)
-        places = np.concatenate((centre + _INNER * (uv - centre), centre), 1).reshape(-1, 2)
+        center = uv.mean(1, keepdims=True)
+        places = np.concatenate((center + _INNER * (uv - center), center), 1).reshape(-1, 2)
         places = places[np.isfinite(places).all(1)]
         found |= {(int(u), int(v)) for u, v in np.unique(np.floor(places), axis=0)}
     return found

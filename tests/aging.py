@@ -1,4 +1,4 @@
-"""Small materials and runs for the tests of ageing."""
+"""Small materials and runs for the tests of aging."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from model_runtime.images import read_image, write_exr
 
 PRINCIPLED = ("base_color", "metallic", "specular", "roughness")
 TORRANCE_SPARROW = ("kd", "ks", "alpha")
-COLOURS = ("base_color", "specular_tint", "kd", "ks")
+COLORS = ("base_color", "specular_tint", "kd", "ks")
 
 
 @dataclass
@@ -47,7 +47,7 @@ def frames_of(folder: Path, name: str, frames: int) -> np.ndarray:
     """[T, H, W] or [T, H, W, 3]"""
     return np.stack(
         [
-            read_image(folder / f"{name}_{k:04d}.exr", color=name in COLOURS)
+            read_image(folder / f"{name}_{k:04d}.exr", color=name in COLORS)
             for k in range(1, frames + 1)
         ]
     )
