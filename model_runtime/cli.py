@@ -81,8 +81,29 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="age | info | serve")
 
-    usual = AgeRequest
     age = commands.add_parser("age", help="age one material", allow_abbrev=False)
+    _add_age_options(age)
+    age.set_defaults(run=_age)
+
+    info = commands.add_parser("info", help="list the models", allow_abbrev=False)
+    info.add_argument("--ntm", metavar="NAME_OR_FILE", help="only this one")
+    info.add_argument("--json", action="store_true", help="print the cards as a JSON list")
+    info.set_defaults(run=_info)
+
+    worker = commands.add_parser(SERVE, help="answer JSON requests, one a line, on stdin")
+    worker.add_argument(
+        IDLE_OPTION,
+        type=float,
+        default=IDLE_MINUTES,
+        metavar="M",
+        help=f"end after so long without a run ({IDLE_MINUTES:g})",
+    )
+    worker.set_defaults(run=_serve)
+    return parser
+
+
+def _add_age_options(age: argparse.ArgumentParser) -> None:
+    usual = AgeRequest
     age.add_argument(
         "--input",
         required=True,
@@ -134,23 +155,6 @@ def _parser() -> argparse.ArgumentParser:
         age.add_argument(option(name), metavar="|".join(choices))
     age.add_argument("--sparse", action="store_true", help="store no frame that others make up")
     age.add_argument("--json", action="store_true", help=f"print {REPORT} on stdout")
-    age.set_defaults(run=_age)
-
-    info = commands.add_parser("info", help="list the models", allow_abbrev=False)
-    info.add_argument("--ntm", metavar="NAME_OR_FILE", help="only this one")
-    info.add_argument("--json", action="store_true", help="print the cards as a JSON list")
-    info.set_defaults(run=_info)
-
-    worker = commands.add_parser(SERVE, help="answer JSON requests, one a line, on stdin")
-    worker.add_argument(
-        IDLE_OPTION,
-        type=float,
-        default=IDLE_MINUTES,
-        metavar="M",
-        help=f"end after so long without a run ({IDLE_MINUTES:g})",
-    )
-    worker.set_defaults(run=_serve)
-    return parser
 
 
 def _age(arguments: argparse.Namespace, ending: EndingSignals) -> None:

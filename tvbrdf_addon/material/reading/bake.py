@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ....model_runtime.resampling import resize
-from ...known import image_texture, known
+from ...known import image_texture, known, tree_of
 from ..nodes.groups import shown_outside
 from ..nodes.surface import Place, find_principled
 from ..nodes.trace import resolve, upstream
@@ -69,42 +69,17 @@ def bake_sockets(
     required (`unwrap.require_faces`).  Raises `MaterialError` where Cycles fails.
     """
     require_memory(size, _BYTES_PER_TEXEL)
-    tree = known(copy.node_tree)
     place = find_principled(copy)
-    output, sockets = place.output, [place.input(each) for each in identifiers]
-    output.target = "CYCLES"  # it may be one for EEVEE
+    sockets = [place.input(each) for each in identifiers]
     behind = [pair for socket in sockets for pair in upstream(socket, place.groups)]
-    noisy = any(node.type in _NOISY for node, _ in behind)
-    patterned = target.look is not None and any(_is_pattern(node) for node, _ in behind)
-    samples = max(4, min(_SAMPLES, _MOST_SAMPLES // (size[0] * size[1])))
     with ExitStack() as stack:
         scene = stack.enter_context(baking_scene(frame))
         scene_like(scene, target.scene, behind)
         obj = stack.enter_context(_object(scene, copy, target, behind))
-        alphas = _used_alphas(place)
-        for side in ("Volume", "Displacement"):
-            _unlink(tree, output.inputs[side])
-        emission = tree.nodes.new("ShaderNodeEmission")
-        tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
-        _keep_used(tree, alphas, emission.inputs["Strength"])
-        node = image_texture(tree.nodes.new("ShaderNodeTexImage"))
-        tree.nodes.active = node
-        if target.look is None:
-            for each in place.trees:
-                _look_up_texels(each, size, target.tiles, node)
-        margin = max(8, max(size) // 32)
-        baker = Baker(scene, obj, node, target.uv_map, margin)
-
-        def values(tile: Tile, inside: Array) -> Array:
-            if noisy:
-                return baker.mean(tile, size, samples)
-            pixels = baker.texels(tile, size)
-            if not patterned or size[0] % 4 or size[1] % 4:
-                return pixels
-            between = baker.texels(tile, (size[0] // 4, size[1] // 4))
-            if _is_finer(pixels, between, inside):
-                return baker.mean(tile, size, samples)
-            return pixels
+        emission = _emission(place)
+        node = _image_to_bake_to(place, size, target)
+        baker = Baker(scene, obj, node, target.uv_map, margin=max(8, max(size) // 32))
+        sampled = _Sampled.of(baker, size, behind, flat=target.look is None)
 
         def kept(pixels: Array) -> Array:
             return resize(pixels, shape or size)
@@ -114,17 +89,87 @@ def bake_sockets(
         inside = {tile: baker.texels(tile, size, margin=0)[..., 0] for tile in tiles}
         maps: dict[str, dict[Tile, Array]] = {each: {} for each in identifiers}
         for group in _passes(sockets):
-            _emit(tree, emission, group, place.groups)
+            _emit(emission, group, place.groups)
             for tile in tiles:
-                pixels = values(tile, inside[tile])
+                pixels = sampled.values(tile, inside[tile])
                 if group[0].type == "RGBA":
                     maps[group[0].identifier][tile] = kept(pixels)
                 else:
                     for i, socket in enumerate(group):
                         maps[socket.identifier][tile] = kept(pixels[..., i])
-        together = target.tiles.put_together
-        coverage = together({tile: kept(each) for tile, each in inside.items()}, beside=0.0)
-        return {each: together(parts) for each, parts in maps.items()}, coverage
+    together = target.tiles.put_together
+    coverage = together({tile: kept(each) for tile, each in inside.items()}, beside=0.0)
+    return {each: together(parts) for each, parts in maps.items()}, coverage
+
+
+@dataclass(frozen=True)
+class _Sampled:
+    """How many looks a texel of a bake gets: `samples` where what is baked is `noisy`, or where it
+    is `patterned` and finer than a texel; else one.
+    """
+
+    baker: Baker
+    size: tuple[int, int]
+    samples: int
+    noisy: bool
+    patterned: bool
+
+    @classmethod
+    def of(
+        cls,
+        baker: Baker,
+        size: tuple[int, int],
+        behind: Sequence[tuple[bpy.types.Node, str]],
+        *,
+        flat: bool,
+    ) -> _Sampled:
+        """For what lies `behind` the sockets; on `flat` squares images are looked up by texel."""
+        return cls(
+            baker,
+            size,
+            samples=max(4, min(_SAMPLES, _MOST_SAMPLES // (size[0] * size[1]))),
+            noisy=any(node.type in _NOISY for node, _ in behind),
+            patterned=not flat and any(_is_pattern(node) for node, _ in behind),
+        )
+
+    def values(self, tile: Tile, inside: Array) -> Array:
+        """What is emitted on a tile, of which faces lie `inside`."""
+        size, baker = self.size, self.baker
+        if self.noisy:
+            return baker.mean(tile, size, self.samples)
+        pixels = baker.texels(tile, size)
+        if not self.patterned or size[0] % 4 or size[1] % 4:
+            return pixels
+        between = baker.texels(tile, (size[0] // 4, size[1] // 4))
+        if _is_finer(pixels, between, inside):
+            return baker.mean(tile, size, self.samples)
+        return pixels
+
+
+def _emission(place: Place) -> bpy.types.Node:
+    """A node whose color is all that the material at `place` shows from now on."""
+    tree, output = place.trees[0], place.output
+    output.target = "CYCLES"  # it may be one for EEVEE
+    alphas = _used_alphas(place)
+    for side in ("Volume", "Displacement"):
+        _unlink(tree, output.inputs[side])
+    emission = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
+    _keep_used(tree, alphas, emission.inputs["Strength"])
+    return emission
+
+
+def _image_to_bake_to(
+    place: Place, size: tuple[int, int], target: Target
+) -> bpy.types.ShaderNodeTexImage:
+    """The active node, whose image Cycles fills."""
+    tree = place.trees[0]
+    node = image_texture(tree.nodes.new("ShaderNodeTexImage"))
+    tree.nodes.active = node
+    if target.look is None:
+        for each in place.trees:
+            _look_up_texels(each, size, target.tiles, node)
+    return node
 
 
 def _is_pattern(node: bpy.types.Node) -> bool:
@@ -189,11 +234,11 @@ def _passes(sockets: Sequence[bpy.types.NodeSocket]) -> Iterator[list[bpy.types.
 
 
 def _emit(
-    tree: bpy.types.NodeTree,
     emission: bpy.types.Node,
     group: list[bpy.types.NodeSocket],
     groups: Sequence[bpy.types.Node],
 ) -> None:
+    tree = tree_of(emission)
     sources = [shown_outside(known(known(socket.links)[0].from_socket), groups) for socket in group]
     if group[0].type == "RGBA":
         tree.links.new(sources[0], emission.inputs["Color"])
