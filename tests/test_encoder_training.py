@@ -39,6 +39,19 @@ def test_killed_and_resumed_it_ends_as_it_would_have(data_folder, tmp_path, monk
     assert not list(tmp_path.glob("*checkpoint*"))
 
 
+def test_so_does_one_that_was_killed_while_it_learned_the_short_cut(
+    data_folder, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(CONFIGS, "fast", small("fast", distillation=8))
+    whole, parts = tmp_path / "whole.safetensors", tmp_path / "parts.safetensors"
+    train_encoder(config="fast", output=whole, seed=3)
+    kill_at(7, lambda: train_encoder(config="fast", output=parts, seed=3))  # of five and three
+    assert (tmp_path / "parts.short_cut.checkpoint.safetensors").exists()
+    train_encoder(config="fast", output=parts, seed=3, resume=True)
+    assert equal(whole, parts)
+    assert not list(tmp_path.glob("*checkpoint*"))
+
+
 def test_the_file_is_an_encoder_with_a_card(data_folder, tmp_path, monkeypatch):
     monkeypatch.setitem(CONFIGS, "fast", small("fast", iterations=2))
     path = train_encoder(config="fast", output=tmp_path / "new" / "e.safetensors", seed=7)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
-from torch import Tensor
-from tqdm import tqdm
+from torch import Tensor, nn
 
 from model_runtime.brdf import torrance_sparrow
 from model_runtime.channels import ALPHA_MIN, WIDTH, optics
+from model_runtime.model_files.weights import hash_tensors
 from model_runtime.representation.lobes import LobeRepresentation
 from model_runtime.states import joined
 
 from .data.analytic import random_torrance_sparrow
-from .loop import Schedule, adam, optimize
+from .loop import Run, Schedule, Training, train
 
-__all__ = ("distil", "random_states")
+__all__ = ("SHORT_CUT", "distil", "random_states")
+
+SHORT_CUT = "short_cut"
+"""The part of a run in which it is learned."""
 
 _BATCH = 256
 _SCHEDULE = Schedule(2e-3, warm_up=100)
@@ -31,11 +36,15 @@ def random_states(n: int, g: torch.Generator) -> Tensor:
     return torch.cat((textures, anything))
 
 
-def distil(model: LobeRepresentation, *, seed: int, iterations: int) -> None:
-    """Train `model.encode_parameters` to give what `model.encode` gives; changes nothing else."""
-    g = torch.Generator().manual_seed(seed)
+def distil(model: LobeRepresentation, run: Run, *, iterations: int) -> None:
+    """Train `model.encode_parameters` to give what `model.encode` gives; changes nothing else.
+
+    It is a part of `run`, with a checkpoint of its own.
+    """
+    g = torch.Generator().manual_seed(run.seed)
     angles = model.sample_angles(len(model.encoder_angles))
-    layers = (model.from_channel, model.from_pooled, model.from_each)
+    layers = nn.ModuleList((model.from_channel, model.from_pooled, model.from_each))
+    made_from = {"encoder": hash_tensors(model.state_dict())}
 
     def loss(_: int) -> Tensor:
         states = random_states(_BATCH, g)
@@ -43,6 +52,5 @@ def distil(model: LobeRepresentation, *, seed: int, iterations: int) -> None:
             wanted = model.encode(angles, torrance_sparrow.evaluate(*optics(states), angles)).flat()
         return (model.encode_parameters(states).flat() - wanted).abs().mean()
 
-    weights = (weight for layer in layers for weight in layer.parameters())
-    steps = tqdm(range(iterations), desc="parameters to latents")
-    optimize(loss, adam(weights), _SCHEDULE, steps, iterations)
+    training = Training(layers, loss, _SCHEDULE, iterations, g, made_from, clip=None)
+    train(training, replace(run.part(SHORT_CUT), minutes=None))

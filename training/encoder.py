@@ -23,7 +23,7 @@ from model_runtime.representation.lobes import LobeRepresentation, compress
 from .data.location import data_folder
 from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
-from .distillation import distil
+from .distillation import SHORT_CUT, distil
 from .loop import Run, Schedule, Training, remove_checkpoints, train
 from .metric.sphere import tone_map
 from .progress import Progress
@@ -194,7 +194,7 @@ def train_encoder(
     run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
     record = train(_training(recipe, model, measured, seed), run)
     if isinstance(model, LobeRepresentation):
-        distil(model, seed=seed, iterations=recipe.distillation)
+        distil(model, run, iterations=recipe.distillation)
     options = f"--config {config} --seed {seed}"
     options += f" --minutes {minutes:g}" if minutes is not None else ""
     save_model(
@@ -219,7 +219,7 @@ def train_encoder(
         kind="encoder",
         check=load_representation,
     )
-    remove_checkpoints(run)
+    remove_checkpoints(run, ("", SHORT_CUT))
     return output
 
 
@@ -245,6 +245,6 @@ def _training(recipe: EncoderConfig, model: Trained, measured: NeuralBRDFs, seed
         recipe.iterations,
         g,
         {"config": asdict(recipe)},
-        recipe.looks,
-        look,
+        looks=recipe.looks,
+        look=look,
     )

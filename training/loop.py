@@ -118,6 +118,7 @@ class Training:
     `model` down.
 
     made_from: settings and data (JSON), which a resumed run must share
+    clip: the largest norm of the gradient, None for any
     looks, look: how often the model is measured meanwhile, and how: names and numbers. The clock
         stops for it
     """
@@ -128,6 +129,7 @@ class Training:
     iterations: int
     generator: torch.Generator
     made_from: Mapping[str, Any]
+    clip: float | None = 1.0
     looks: int = 0
     look: Callable[[], Mapping[str, float]] | None = None
 
@@ -180,7 +182,8 @@ def train(training: Training, run: Run) -> dict[str, Any]:
             record.update(step=step + 1, seconds=time.process_time() - begun)
             save_checkpoint(run.checkpoint, record=record, **state)
 
-    optimize(training.loss, optimizer, training.schedule, bar, total, clip=1.0, after=after)
+    clip = training.clip
+    optimize(training.loss, optimizer, training.schedule, bar, total, clip=clip, after=after)
     return record
 
 
