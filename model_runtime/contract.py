@@ -36,6 +36,7 @@ __all__ = (
     "LADDER",
     "LIVE",
     "LONGEST_PATTERN",
+    "LOOKS",
     "LSTM_LATENTS",
     "LSTM_PARAMETERS",
     "METERS",
@@ -266,6 +267,12 @@ def option(field: str) -> str:
 
 
 Stage = Literal["read", "onset", "model", "fit", "write"]
+LOOKS: Mapping[str, tuple[float, float, float]] = {
+    "front.png": (-0.6, -1.0, 0.55),
+    "back.png": (0.6, 1.0, 0.55),
+}
+"""The pictures of a look at where aging starts, and the directions that they are seen from."""
+
 STAGES: Mapping[Stage, str] = {
     "read": "reading",
     "onset": "reading",

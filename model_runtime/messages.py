@@ -26,7 +26,7 @@ __all__ = (
     "Verb",
 )
 
-Verb = Literal["age", "info", "cancel", "shutdown"]
+Verb = Literal["age", "look", "info", "cancel", "shutdown"]
 
 
 @dataclass(frozen=True)

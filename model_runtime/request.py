@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from .errors import ModelFileError, TvbrdfError, UsageError, reason, shown
 from .memory import check_limits, memory_in_words
 from .model_files import weights
 
-__all__ = ("MissingLibraryError", "cards", "load_age", "request_from")
+__all__ = ("MissingLibraryError", "cards", "load_age", "load_look", "request_from")
 
 
 class MissingLibraryError(TvbrdfError):
@@ -44,10 +45,24 @@ def load_age() -> Callable[..., dict[str, Any]]:
         MissingLibraryError: torch or another library is absent or does not load.
         OutOfMemoryError: there is not enough memory for them.
     """
+    with _loading():
+        from .age import age
+    return age
+
+
+def load_look() -> Callable[..., dict[str, Any]]:
+    """The function `look.look`; raises as `load_age` does."""
+    with _loading():
+        from .look import look
+    return look
+
+
+@contextmanager
+def _loading() -> Iterator[None]:
     check_limits()
     try:
         with memory_in_words("Close other programs."):
-            from .age import age
+            yield
     except (ImportError, OSError) as error:
         raise MissingLibraryError(
             f"{shown(Path(sys.executable))} cannot load what aging needs ({reason(error)}).",
@@ -55,7 +70,6 @@ def load_age() -> Callable[..., dict[str, Any]]:
             "in its preferences to a Python that has torch, numpy, OpenEXR, safetensors and "
             "Pillow.",
         ) from error
-    return age
 
 
 def request_from(fields: Mapping[str, Any]) -> AgeRequest:

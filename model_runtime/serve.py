@@ -1,10 +1,11 @@
 """The worker: one JSON message a line on stdin and stdout, protocol 1.
 
-Requests are `{"id", "verb": "age" | "info" | "cancel" | "shutdown", "args"}`.  Replies carry the
-request's `id` and a `type`: `progress` (`stage`, `fraction`), `warning` (`message`), `error`
-(`code`, `message`, `hint`) or `done` (`result`).  The first line of all is `ready` (`protocol`,
-`version`); `loaded` says that torch is imported.  While it imports or ages, an `alive` comes every
-two seconds.  What is no request, or a wrong one, gets an error reply; the worker goes on.
+Requests are `{"id", "verb", "args"}`, with the verbs `age`, `look`, `info`, `cancel` and
+`shutdown`.  Replies carry the request's `id` and a `type`: `progress` (`stage`, `fraction`),
+`warning` (`message`), `error` (`code`, `message`, `hint`) or `done` (`result`).  The first line of
+all is `ready` (`protocol`, `version`); `loaded` says that torch is imported.  While it imports or
+ages, an `alive` comes every two seconds.  What is no request, or a wrong one, gets an error reply;
+the worker goes on.
 
 The main thread ages, one request at a time.  A second thread reads stdin and answers everything
 else at once, so that a run can be cancelled; a third gives the signs of life.  The process ends
@@ -39,7 +40,7 @@ from .messages import (
     Reply,
     Request,
 )
-from .request import MissingLibraryError, cards, load_age, request_from
+from .request import MissingLibraryError, cards, load_age, load_look, request_from
 
 __all__ = ("Server", "claim_stdout", "serve")
 
@@ -85,7 +86,7 @@ class Server:
             if run is None:
                 return
             self._busy.set()
-            self._age(run)
+            self._carry_out(run)
 
     def _give_signs_of_life(self) -> None:
         while self._busy.wait():
@@ -115,7 +116,7 @@ class Server:
             self._refuse(None, f"This is not a request: {start}")
             return True
         match request.verb:
-            case "age":
+            case "age" | "look":
                 self._accept(_Run(self, request))
             case "cancel":
                 self._answer(request.id, lambda: self._cancel_run(request.args.get("id")))
@@ -155,15 +156,15 @@ class Server:
         timer.daemon = True
         timer.start()
 
-    def _age(self, run: _Run) -> None:
-        def age() -> dict[str, Any]:
+    def _carry_out(self, run: _Run) -> None:
+        def result() -> dict[str, Any]:
             try:
-                return run.age()
+                return run.result()
             finally:
                 with self._run_lock:
                     self._run = None
 
-        self._answer(run.id, age)
+        self._answer(run.id, result)
 
     def _answer(self, request_id: int | str, compute: Callable[[], Any]) -> None:
         """Reply with what `compute` returns, or why it does not."""
@@ -194,19 +195,20 @@ class Server:
 
 
 class _Run:
-    """One `age` request, and the reporter that it gives to `age`."""
+    """One `age` or `look` request, and the reporter that it gives to whoever carries it out."""
 
     def __init__(self, server: Server, request: Request) -> None:
         self.id = request.id
         self._server = server
+        self._load = load_look if request.verb == "look" else load_age
         self._args = request.args
         self._cancelled = threading.Event()
 
-    def age(self) -> dict[str, Any]:
-        age = load_age()
+    def result(self) -> dict[str, Any]:
+        carry_out = self._load()
         if self.cancelled():
             raise Cancelled
-        return age(request_from(self._args), self)
+        return carry_out(request_from(self._args), self)
 
     def cancel(self) -> None:
         self._cancelled.set()

@@ -16,6 +16,7 @@ import struct
 import sys
 import time
 import types
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from model_runtime.contract import (
     CURVES,
     FRAMES,
     LIVE,
+    LOOKS,
     PRINCIPLED,
     REPORT,
     STAGES,
@@ -101,6 +103,32 @@ def age(request: AgeRequest, reporter: object) -> dict:
     return aged
 
 
+def look(request: AgeRequest, reporter: object) -> dict:
+    """Gray pictures of one pixel."""
+    reporter.progress(STAGES["read"], 0.0)
+    if request.surface is None:
+        raise InputError("There is no surface.", "Show the material on something.")
+    request.output.mkdir(parents=True, exist_ok=True)
+    for name in LOOKS:
+        (request.output / name).write_bytes(_png())
+    return {"pictures": [*LOOKS]}
+
+
+def _png() -> bytes:
+    """One gray pixel (PNG specification, 2003)."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    header = struct.pack(">2I5B", 1, 1, 8, 0, 0, 0, 0)
+    pixels = zlib.compress(b"\0\x80")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        (chunk(b"IHDR", header), chunk(b"IDAT", pixels), chunk(b"IEND", b""))
+    )
+
+
 def _write_frame(folder: Path, files: dict[str, list[str]], k: int, t: float) -> None:
     pixels = {
         "base_color": (0.6 - 0.3 * t, 0.6 - 0.5 * t, 0.6 - 0.55 * t),
@@ -160,10 +188,11 @@ def write_exr(path: Path, rows: list[list[tuple[float, ...]]]) -> None:
 
 
 def stand_in(ages: Callable[..., dict]) -> None:
-    """Let this process's worker age by `ages`."""
-    module = types.ModuleType("model_runtime.age")
-    module.age = ages
-    sys.modules["model_runtime.age"] = module
+    """Let this process's worker age by `ages`, and look by `look`."""
+    for name, function in (("age", ages), ("look", look)):
+        module = types.ModuleType(f"model_runtime.{name}")
+        setattr(module, name, function)
+        sys.modules[f"model_runtime.{name}"] = module
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import cli, follow, operators, outlook, panels, preferences, properties, session
+from . import cli, follow, look, operators, outlook, panels, preferences, properties, session
 
 __all__ = ("CLASSES", "register", "unregister")
 
@@ -24,6 +24,7 @@ def unregister() -> None:
     # The worker first: it must be gone before Blender replaces the extension's files.
     session.unregister()
     operators.unregister()
+    look.unregister()
     follow.unregister()
     outlook.unregister()
     cli.unregister()

@@ -1,4 +1,4 @@
-"""Age, bake frames, cancel, revert, freeze."""
+"""Age, bake frames, look, cancel, revert, freeze."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from . import session
 from .errors import SettingsError
 from .known import scene_of
 from .log import is_cancel, said_of
+from .look import Look
 from .material.binding.freeze import freeze
 from .material.nodes.record import is_live
 from .material.nodes.revert import is_aged, revert
@@ -100,6 +101,8 @@ class _Ages(_OnMaterial):
     # All edits are made in the last step, so that one undo takes them back.
     bl_options: ClassVar[set[str]] = {"UNDO"}
     binding: ClassVar[str | None] = None
+    kind: ClassVar[type[Run]] = Run
+    done: ClassVar[str] = "{} ages"
 
     object: bpy.props.StringProperty(
         name="Object",
@@ -130,7 +133,9 @@ class _Ages(_OnMaterial):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            run = session.age_and_wait(*self.target(context), self.object, binding=self.binding)
+            run = session.age_and_wait(
+                *self.target(context), self.object, binding=self.binding, kind=self.kind
+            )
         except (Exception, KeyboardInterrupt) as error:
             return self.refuse(error)
         for warning in run.warnings:
@@ -146,7 +151,10 @@ class _Ages(_OnMaterial):
             material, scene = self.target(context)
             preview = is_worth_a_preview(material, scene)
             self._run = session.begin(
-                material, scene, self.object, preview=preview, binding=self.binding
+                *(material, scene, self.object),
+                preview=preview,
+                binding=self.binding,
+                kind=self.kind,
             )
         except Exception as error:
             return self.refuse(error)
@@ -172,7 +180,7 @@ class _Ages(_OnMaterial):
             return {"CANCELLED"}
         warnings = tuple(self._run.warnings)
         self._end(context, icon="ERROR", sentences=warnings)
-        self.report({"INFO"}, f"{self._run.plan.material_name} ages")
+        self.report({"INFO"}, self.done.format(self._run.plan.material_name))
         for warning in warnings:
             self.report({"WARNING"}, warning)
         return {"FINISHED"}
@@ -207,6 +215,16 @@ class TVBRDF_OT_bake_frames(_Ages, bpy.types.Operator):
     bl_idname = "tvbrdf.bake_frames"
     bl_label = "Bake Frames"
     binding = "frames"
+
+
+class TVBRDF_OT_look(_Ages, bpy.types.Operator):
+    """Show where on the object aging would start and where it comes last; nothing ages yet"""
+
+    bl_idname = "tvbrdf.look"
+    bl_label = "Look Where It Starts"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+    kind = Look
+    done = "The picture shows where {} starts to age"
 
 
 class TVBRDF_OT_cancel(bpy.types.Operator):
@@ -312,6 +330,7 @@ def _redraw(context: bpy.types.Context) -> None:
 CLASSES = (
     TVBRDF_OT_age_material,
     TVBRDF_OT_bake_frames,
+    TVBRDF_OT_look,
     TVBRDF_OT_cancel,
     TVBRDF_OT_revert,
     TVBRDF_OT_freeze,

@@ -7,7 +7,7 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from . import exposure, properties, session, strengths
+from . import exposure, look, properties, session, strengths
 from .drawing import guarded, paragraph
 from .estimate import in_bytes, in_time
 from .known import known, scene_of
@@ -184,6 +184,7 @@ def _draw_start(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     layout.prop(material.tvbrdf, "onset")
     if material.tvbrdf.onset == AUTO:
         exposure.draw(layout, material.tvbrdf)
+        look.draw(layout, material)
     if is_invertible(material):
         _draw_onset(layout, context, material)
 

@@ -17,6 +17,7 @@ import bpy
 
 from ..model_runtime.contract import DRAFT, EXACT, FRAMES, LIVE
 from ..model_runtime.errors import Cancelled
+from ..model_runtime.messages import Verb
 from ..model_runtime.output.commit import recover
 from . import exposure, outlook, output, properties
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
@@ -324,14 +325,14 @@ class Run:
         size = reading.textures.pixels if reading.uniform else max(reading.size)
         request = request | {"output": str(self.plan.folder), "size": size}
         try:
-            yield from self._listen(request)
+            yield from self._listen("age", request)
         except WorkerError:
             if not self._worker.alive:
                 recover(self.plan.folder)
             raise
 
-    def _listen(self, request: dict[str, Any]) -> Iterator[None]:
-        for message in ask(self._worker, "age", request, cancelled=lambda: self.cancel_requested):
+    def _listen(self, verb: Verb, request: dict[str, Any]) -> Iterator[None]:
+        for message in ask(self._worker, verb, request, cancelled=lambda: self.cancel_requested):
             self._material()
             match message:
                 case None:

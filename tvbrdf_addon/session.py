@@ -68,12 +68,13 @@ def begin(
     *,
     preview: bool = False,
     binding: str | None = None,
+    kind: type[Run] = Run,
 ) -> Run:
     """A run that ages `material`, to be stepped until it ends and then given to `finish`.
 
     It is read from the object called `object_name`, or else from one that shows it.  With `preview`
     it first shows a small draft, for somebody who watches; `binding`, where it is not None, takes
-    the place of the material's setting.
+    the place of the material's setting; `kind` is what the run does.
 
     Raises:
         SettingsError: another run goes on.
@@ -85,7 +86,7 @@ def begin(
             f"{_current.plan.material_name} is being aged.", "Wait for it to end, or cancel it."
         )
     planned = plan(material, scene, object_name, binding=binding)
-    _current = Run(planned, _warm_worker(), preview=preview)
+    _current = kind(planned, _warm_worker(), preview=preview)
     return _current
 
 
@@ -105,6 +106,7 @@ def age_and_wait(
     *,
     cancelled: Callable[[], bool] = lambda: False,
     binding: str | None = None,
+    kind: type[Run] = Run,
 ) -> Run:
     """Age `material` here and now, printing progress; the run, at its end.
 
@@ -113,7 +115,7 @@ def age_and_wait(
     Raises:
         TvbrdfError: as `Run.step`.
     """
-    run = begin(material, scene, object_name, binding=binding)
+    run = begin(material, scene, object_name, binding=binding, kind=kind)
     sentences: tuple[str, ...] = ()
     said = ""
     try:
