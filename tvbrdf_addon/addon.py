@@ -4,17 +4,35 @@ from __future__ import annotations
 
 import bpy
 
-from . import cli, follow, look, operators, outlook, panels, preferences, properties, session
+from . import (
+    cli,
+    follow,
+    learn_panel,
+    look,
+    operators,
+    outlook,
+    panels,
+    preferences,
+    properties,
+    session,
+)
 
 __all__ = ("CLASSES", "register", "unregister")
 
-CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *panels.CLASSES)
+CLASSES = (
+    *preferences.CLASSES,
+    *properties.CLASSES,
+    *operators.CLASSES,
+    *learn_panel.CLASSES,
+    *panels.CLASSES,
+)
 
 
 def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     properties.register()
+    learn_panel.register()
     session.register()
     follow.register()
     cli.register()
@@ -23,6 +41,7 @@ def register() -> None:
 def unregister() -> None:
     # The worker first: it must be gone before Blender replaces the extension's files.
     session.unregister()
+    learn_panel.unregister()
     operators.unregister()
     look.unregister()
     follow.unregister()

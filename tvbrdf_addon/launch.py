@@ -20,8 +20,9 @@ BOOTSTRAP = """\
 import runpy, sys
 sys.path[:0] = {paths!r}
 sys.argv[1:] = {arguments!r}
-runpy.run_module("model_runtime", run_name="__main__", alter_sys=True)
+runpy.run_module({module!r}, run_name="__main__", alter_sys=True)
 """
+SERVING, LEARNING = "model_runtime", "training"
 
 
 @dataclass(frozen=True)
@@ -30,13 +31,15 @@ class Launch:
 
     `interpreter` is a Python chosen by the user, or a script that speaks the protocol (`.py`);
     empty means `TVBRDF_WORKER`, and without that Blender's own Python together with
-    `site_packages`, where Blender has unpacked the extension's wheels.
+    `site_packages`, where Blender has unpacked the extension's wheels.  `lesson` is what it is to
+    learn, as arguments of `training`; without one it serves.
     """
 
     runtime: Path
     site_packages: tuple[Path, ...] = ()
     interpreter: str = ""
     idle_minutes: float = IDLE_MINUTES
+    lesson: tuple[str, ...] = ()
 
     def command(self) -> list[str]:
         """The command line of the worker.
@@ -44,16 +47,18 @@ class Launch:
         Raises:
             WorkerError: the chosen interpreter is not there, or not given by its whole path.
         """
-        arguments = [SERVE, IDLE_OPTION, f"{self.idle_minutes:g}"]
+        module, arguments = SERVING, [SERVE, IDLE_OPTION, f"{self.idle_minutes:g}"]
+        if self.lesson:
+            module, arguments = LEARNING, list(self.lesson)
         path = self._chosen()
         if path is None:
             paths = [str(self.runtime), *map(str, self.site_packages)]
-            bootstrap = BOOTSTRAP.format(paths=paths, arguments=arguments)
+            bootstrap = BOOTSTRAP.format(paths=paths, arguments=arguments, module=module)
             return [sys.executable, "-I", "-c", bootstrap]
         if path.suffix == ".py":
             return [sys.executable, str(path), *arguments]
         # A Python of the user's choice brings its own torch, which ours must not hide.
-        bootstrap = BOOTSTRAP.format(paths=[str(self.runtime)], arguments=arguments)
+        bootstrap = BOOTSTRAP.format(paths=[str(self.runtime)], arguments=arguments, module=module)
         return [str(path), "-c", bootstrap]
 
     def _chosen(self) -> Path | None:

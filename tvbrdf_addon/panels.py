@@ -7,7 +7,7 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from . import exposure, look, properties, session, strengths
+from . import exposure, learn_panel, look, properties, session, strengths
 from .drawing import guarded, paragraph
 from .estimate import in_bytes, in_time
 from .known import known, scene_of
@@ -301,6 +301,15 @@ class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
         _draw_advanced(known(self.layout), context)
 
 
+class NODE_PT_tvbrdf_learn(_SidebarPanel, bpy.types.Panel):
+    bl_label = "Learn from Material"
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        learn_panel.draw(known(self.layout), context)
+
+
 class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
     bl_label = "Age Material"
 
@@ -326,11 +335,22 @@ class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
         _draw_advanced(known(self.layout), context)
 
 
+class MATERIAL_PT_tvbrdf_learn(_PropertiesPanel, bpy.types.Panel):
+    bl_label = "Learn from Material"
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        learn_panel.draw(known(self.layout), context)
+
+
 CLASSES = (
     NODE_PT_tvbrdf_age,
     NODE_PT_tvbrdf_start,
     NODE_PT_tvbrdf_advanced,
+    NODE_PT_tvbrdf_learn,
     MATERIAL_PT_tvbrdf_age,
     MATERIAL_PT_tvbrdf_start,
     MATERIAL_PT_tvbrdf_advanced,
+    MATERIAL_PT_tvbrdf_learn,
 )

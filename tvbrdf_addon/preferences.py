@@ -13,7 +13,7 @@ from ..model_runtime.model_files import weights
 from .launch import Launch
 from .models import models_in
 
-__all__ = ("CLASSES", "launch", "model_folders", "user_file")
+__all__ = ("CLASSES", "launch", "model_folders", "models_folder", "user_file")
 
 # The extension's own module, `bl_ext.<repository>.tvbrdf`.
 EXTENSION = __package__.rpartition(".")[0]
@@ -26,7 +26,10 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
 
     models_folder: bpy.props.StringProperty(
         name="Models Folder",
-        description="Folder with models (.safetensors) of your own; they appear in the model list",
+        description=(
+            "Folder with models (.safetensors) of your own: they appear in the model list, and "
+            "what you let materials teach is put there"
+        ),
         subtype="DIR_PATH",
     )
     worker_python: bpy.props.StringProperty(
@@ -53,7 +56,7 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        layout.prop(self, "models_folder", placeholder="Only the bundled models")
+        layout.prop(self, "models_folder", placeholder="With the settings of Blender")
         left_out = models_in(model_folders()).left_out
         for sentence in left_out[:MOST_SENTENCES]:
             layout.label(text=sentence, icon="ERROR")
@@ -65,10 +68,20 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
 
 def model_folders() -> Sequence[Path]:
     """The folders whose models can be chosen: the bundled one, and the user's."""
+    own, preferences = models_folder(), _preferences()
+    chosen = preferences is not None and preferences.models_folder
+    # One that nobody chose comes to be with what is first put there.
+    return (weights.MODELS, own) if own and (chosen or own.is_dir()) else (weights.MODELS,)
+
+
+def models_folder() -> Path | None:
+    """The user's folder of models: the one chosen, else one that outlives updates of the extension;
+    None where there is no place for one.
+    """
     preferences = _preferences()
-    if preferences is None or not preferences.models_folder:
-        return (weights.MODELS,)
-    return (weights.MODELS, Path(bpy.path.abspath(preferences.models_folder)))
+    if preferences is not None and preferences.models_folder:
+        return Path(bpy.path.abspath(preferences.models_folder))
+    return user_file("models")
 
 
 def launch() -> Launch:

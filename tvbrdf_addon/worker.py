@@ -14,6 +14,7 @@ which sleeps between its steps.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -25,7 +26,7 @@ from .errors import WorkerError
 from .launch import Launch
 from .process import Worker
 
-__all__ = ("Done", "Launch", "News", "Notice", "Progress", "Worker", "run")
+__all__ = ("Done", "Launch", "News", "Notice", "Progress", "Worker", "learn", "run")
 
 # Starting means starting Python and reading a few small files, then, after `ready`, importing
 # torch: a slow disk may keep one library of it for long, and all else in the process with it.
@@ -35,6 +36,8 @@ SILENCE_SECONDS = 10.0
 # A run notices a cancel between two batches of texels.
 CANCEL_SECONDS = 15.0
 LONGEST_NOTICE = 600
+LEARN = "learn"
+"""The id of all that a worker which learns says."""
 # A longer pause between two looks was not spent waiting.
 LOOK_SECONDS = 1.0
 
@@ -94,6 +97,20 @@ def run(
             return
 
 
+def learn(worker: Worker, *, cancelled: Callable[[], bool]) -> Iterator[News | None]:
+    """Let a worker that is to learn do so, and end it; it says what `run` says, and raises it.
+
+    It may be silent for as long as it likes, as no run waits for it.
+    """
+    worker.start()
+    try:
+        yield from _await_answer(worker, LEARN, cancelled, silence=math.inf)
+    except _LeftError:
+        raise _death(worker) from None
+    finally:
+        worker.stop(at_once=True)
+
+
 def _await_ready(worker: Worker, cancelled: Callable[[], bool]) -> Iterator[None]:
     patience = _Patience()
     while True:
@@ -126,15 +143,19 @@ def _await_ready(worker: Worker, cancelled: Callable[[], bool]) -> Iterator[None
 
 
 def _await_answer(
-    worker: Worker, request_id: int, cancelled: Callable[[], bool]
+    worker: Worker,
+    request_id: int | str,
+    cancelled: Callable[[], bool],
+    *,
+    silence: float | None = None,
 ) -> Iterator[News | None]:
-    heard, silence, since_cancel = False, _Patience(), None
+    heard, quiet, since_cancel = False, _Patience(), None
     try:
         while True:
             # Asked before looking into the inbox: what it said before it died is in there.
             alive = worker.alive
             for reply in worker.poll():
-                silence = _Patience()
+                quiet = _Patience()
                 if reply.id != request_id:
                     continue
                 heard = True
@@ -151,7 +172,8 @@ def _await_answer(
             if since_cancel is not None and since_cancel.is_over(CANCEL_SECONDS):
                 worker.stop(at_once=True)
                 raise _cancelled()
-            if silence.is_over(SILENCE_SECONDS if worker.loaded else START_SECONDS):
+            most = silence or (SILENCE_SECONDS if worker.loaded else START_SECONDS)
+            if quiet.is_over(most):
                 worker.stop(at_once=True)
                 raise _cancelled() if since_cancel is not None else _silence(worker)
             yield None

@@ -27,6 +27,7 @@ from .doubts import baked_badly, lacking, lost, shared, surprising, unwrapped_ba
 from .evaluated import Evaluated, distinct, evaluated
 from .onset import showing
 from .pixels import Array, write_exr
+from .shape import write_shape
 from .space import Sampling, Space, image_size, looked_up_by
 from .spread import texture_side
 from .subject import Subject, write_maps
@@ -84,6 +85,7 @@ def read(
     size: int | None,
     frame: int | None = None,
     timed: bool = False,
+    shape: bool = False,
 ) -> Reading:
     """Writes `BaseColor.exr`, `Metallic.exr`, ... (float, linear; 1 x 1 where constant).
 
@@ -93,7 +95,8 @@ def read(
     animated is read at `frame`, by default the first of the material's range.  A material that is
     already aged is read as it was before.  `timed` says that its timing
     has a place of its own, which needs no UV map.  Where texels are known that no face covers,
-    `Coverage.exr` has 0 there and more elsewhere.  Raises `MaterialError`.
+    `Coverage.exr` has 0 there and more elsewhere.  With `shape` there are also what maps of its
+    relief the material has (`write_shape`).  Raises `MaterialError`.
     """
     frames = frame_range(material, scene)
     with ExitStack() as stack:
@@ -124,6 +127,8 @@ def read(
         laid_out_by = looked_up_by(space) if space.kind == "texture" else uv_map or ""
         side = texture_side(material, space, tiles, tiles.whole(sizes.made), users)
         sampling = _sampling(space, subject.groups, tiles)
+        if shape and tiles.are_one:
+            write_shape(subject, sizes.made, folder)
         behind = subject.behind
         maps, coverage = _maps(subject, target, sizes)
         if space.kind == "uv":
