@@ -72,15 +72,6 @@ class AgedTexels:
                 states[:, rows] = torch.from_numpy(band.at(time))
         return states.T
 
-    def heights(self, time: float) -> Tensor:
-        """Heights [n] at `time` in 0..1, in sides of the grain's tile."""
-        heights = torch.zeros(len(self.initial))
-        for start in range(0, len(self.initial), _BAND):
-            band = self.band(start, start + _BAND)
-            rows = torch.from_numpy(start + band.order[: band.started(time)])
-            heights[rows] = torch.from_numpy(band.heights(time))
-        return heights
-
     @property
     def residue_count(self) -> int:
         """How many coefficients a texel's residues have."""
