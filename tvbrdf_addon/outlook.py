@@ -28,7 +28,7 @@ from .material.result import result_folder
 from .rates import Estimate, Rates, Work
 from .sentences import report_in
 
-__all__ = ("Forecast", "forecast", "is_worth_a_preview", "learn", "unregister")
+__all__ = ("Outlook", "is_worth_a_preview", "learn", "outlook_of", "unregister")
 
 # Seconds between two looks, at least; and how many times as long as a look took.
 PAUSE, SHARE = 1.0, 20.0
@@ -39,7 +39,7 @@ PREVIEW_SECONDS = 5.0
 
 
 @dataclass(frozen=True)
-class Forecast:
+class Outlook:
     """What is probable: `size` (height, width) of the textures and why (a sentence or nothing),
     time and disk use, and those of quality Balanced.
     """
@@ -70,7 +70,7 @@ _next_look = 0.0
 _rates: Rates | None = None
 
 
-def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast | None:
+def outlook_of(material: bpy.types.Material, scene: bpy.types.Scene) -> Outlook | None:
     """What aging `material` will take; None until it has been looked at, soon after."""
     uids = (material.session_uid, scene.session_uid)
     _ask(uids)
@@ -94,12 +94,12 @@ def forecast(material: bpy.types.Material, scene: bpy.types.Scene) -> Forecast |
         live=settings.binding == LIVE,
     )
     rates = _kept_rates()
-    return Forecast(size, why, rates.of(work), rates.of(replace(work, quality=BALANCED)))
+    return Outlook(size, why, rates.of(work), rates.of(replace(work, quality=BALANCED)))
 
 
 def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> bool:
     """Whether aging `material` takes so long that a preview before it is welcome."""
-    expected = forecast(material, scene)
+    expected = outlook_of(material, scene)
     return expected is not None and expected.estimate.seconds > PREVIEW_SECONDS
 
 

@@ -18,7 +18,7 @@ from .material.reading.chosen import object_with
 from .material.reading.onset import is_invertible
 from .material.result import result_folder
 from .operators import material_of
-from .outlook import forecast
+from .outlook import outlook_of
 from .rates import LONG_SECONDS
 from .run import Run, why_not
 from .sentences import report_in
@@ -130,7 +130,7 @@ def _draw_action(
 def _draw_forecast(
     layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
 ) -> None:
-    if (expected := forecast(material, scene_of(context))) is None:
+    if (expected := outlook_of(material, scene_of(context))) is None:
         return
     seconds, balanced = expected.estimate.seconds, expected.balanced.seconds
     said = f"About {in_time(seconds)}, {in_bytes(expected.estimate.bytes)}."

@@ -10,7 +10,7 @@ import pytest
 
 from tests.blender.material_cases import add, link, new_material, plane, view_from_above
 from tvbrdf.tvbrdf_addon import outlook as module
-from tvbrdf.tvbrdf_addon.outlook import Forecast, forecast, learn
+from tvbrdf.tvbrdf_addon.outlook import Outlook, learn, outlook_of
 from tvbrdf.tvbrdf_addon.rates import Rates, Work
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
@@ -30,15 +30,15 @@ def paint() -> bpy.types.Material:
     return material
 
 
-def looked(material: bpy.types.Material) -> Forecast | None:
-    """The forecast after the timer, which does not run without a window."""
-    forecast(material, bpy.context.scene)
+def looked(material: bpy.types.Material) -> Outlook | None:
+    """The outlook after the timer, which does not run without a window."""
+    outlook_of(material, bpy.context.scene)
     module._look_in_time()
-    return forecast(material, bpy.context.scene)
+    return outlook_of(material, bpy.context.scene)
 
 
 def test_nothing_is_said_before_anything_was_looked_at(paint):
-    assert forecast(paint, bpy.context.scene) is None
+    assert outlook_of(paint, bpy.context.scene) is None
 
 
 def test_size_time_and_disk(paint):
@@ -54,14 +54,14 @@ def test_images_keep_their_size(paint):
     looked(paint)
     for baked in (128, 4096):
         paint.tvbrdf.size = baked
-        assert forecast(paint, bpy.context.scene).size == (512, 1024)
-        assert forecast(paint, bpy.context.scene).why == ""
+        assert outlook_of(paint, bpy.context.scene).size == (512, 1024)
+        assert outlook_of(paint, bpy.context.scene).why == ""
 
 
 def test_exact_takes_as_long_as_it_takes(paint):
     looked(paint)
     paint.tvbrdf.quality, paint.tvbrdf.temporal_model = "exact", "lstm_latents"
-    expected = forecast(paint, bpy.context.scene)
+    expected = outlook_of(paint, bpy.context.scene)
     assert expected.estimate.seconds > 3600 > expected.balanced.seconds
 
 

@@ -331,6 +331,6 @@ def test_the_forecast_counts_tiles(tmp_path):
     material = painted(tmp_path, {number: noise(number) for number in SQUARE})
     squares(material, [(0, 0), (1, 0)])
     material.tvbrdf.use_camera_size = False
-    module.forecast(material, bpy.context.scene)
+    module.outlook_of(material, bpy.context.scene)
     module._look_in_time()
-    assert module.forecast(material, bpy.context.scene).size == (16, 32)
+    assert module.outlook_of(material, bpy.context.scene).size == (16, 32)
