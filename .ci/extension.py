@@ -18,6 +18,7 @@ Runs on the standard library and the Blender module of the environment that runs
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import json
 import shutil
@@ -39,6 +40,8 @@ PACKED = (
     "model_runtime",
     "tvbrdf_addon",
 )
+LEARNING = ("training", "training.__main__", "training.learn_command")
+"""Modules of `training` that are packed with whatever of it the last imports, wherever in it."""
 TORCH_INDEX = "https://download.pytorch.org/whl/cpu"
 
 # Tags that wheels of a platform, by Blender's name, may carry; and its build of torch without CUDA,
@@ -115,6 +118,40 @@ def packed_files() -> Iterator[Path]:
             if file.is_dir() or "__pycache__" in file.parts or file.name.startswith("."):
                 continue
             yield file
+    yield from learning_files()
+
+
+def learning_files() -> list[Path]:
+    """What learns from a material, and nothing else of `training`; sorted."""
+    waiting = [LEARNING[-1]]
+    found = dict.fromkeys(LEARNING)
+    while waiting:
+        for name in imported(waiting.pop()):
+            if name not in found and module_file(name):
+                found[name] = None
+                waiting.append(name)
+    return sorted(file for name in found if (file := module_file(name)))
+
+
+def module_file(name: str) -> Path | None:
+    """The file of a module or a package of this tree; None where it is neither."""
+    path = ROOT.joinpath(*name.split("."))
+    files = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in files if file.is_file()), None)
+
+
+def imported(module: str) -> Iterator[str]:
+    """What a module of `training` may import of it: modules, packages, and names in these."""
+    if (file := module_file(module)) is None:
+        return
+    package = module.split(".") if file.name == "__init__.py" else module.split(".")[:-1]
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            above = package[: len(package) - node.level + 1]
+            base = [*above, *(node.module or "").split(".")] if node.module else above
+            for end in range(1, len(base) + 1):
+                yield ".".join(base[:end])
+            yield from (".".join((*base, each.name)) for each in node.names)
 
 
 def content_hash(wheels: list[Path]) -> str:

@@ -17,7 +17,7 @@ from ..model_runtime.errors import Cancelled
 from . import preferences
 from .errors import SettingsError
 from .known import by_uid
-from .material.reading.check import why_not as why_not_readable
+from .material.reading.check import why_nothing_to_learn
 from .material.reading.chosen import object_with
 from .models import models_in
 from .worker import Done, Notice, Progress, Worker
@@ -69,7 +69,7 @@ def lesson(
     if isinstance(source, Path):
         if not source.is_dir():
             raise SettingsError(f"There is no folder {source}.", "Choose one with textures.")
-    elif reason := why_not_readable(source, object_with(source, scene)):
+    elif reason := why_nothing_to_learn(source, object_with(source, scene)):
         raise SettingsError(reason)
     return Lesson(
         title=title,
@@ -149,11 +149,6 @@ class Learning:
             timed=True,
             shape=True,
         )
-        if reading.uniform:
-            raise SettingsError(
-                f"“{material.name}” is the same everywhere.",
-                "Choose a material that is clean in places and weathered in others.",
-            )
         self.notes.extend(reading.lost)
         return maps
 

@@ -66,8 +66,12 @@ def test_zip_holds_what_belongs_and_nothing_else(extension_zip: Path) -> None:
     rooms = {name.split("/")[0] for name in names}
     assert rooms == {
         *("__init__.py", "blender_manifest.toml", "LICENSE", "LICENSES"),
-        *("model_runtime", "tvbrdf_addon", "wheels"),
+        *("model_runtime", "training", "tvbrdf_addon", "wheels"),
     }
+    learning = {name for name in names if name.startswith("training/")}
+    assert {"training/learn.py", "training/learn_command.py", "training/ntm.py"} <= learning
+    others = ("training/evaluation", "training/baselines", "training/encoder", "training/commands")
+    assert not [name for name in learning if name.startswith(others)]
     wheels = {Path(name).name.split("-")[0].lower() for name in names if name.endswith(".whl")}
     assert {"torch", "openexr", "safetensors", "pillow"} <= wheels
     assert "numpy" not in wheels, "Blender brings its own numpy"

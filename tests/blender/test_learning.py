@@ -166,7 +166,7 @@ def test_a_material_that_is_the_same_everywhere_teaches_nothing(home: Path):
     material = new_material()
     plane(material)
     with pytest.raises(SettingsError, match="the same everywhere"):
-        through(Learning(of(material)))
+        of(material)
 
 
 def test_nothing_is_learned_from_nothing(home: Path):

@@ -12,7 +12,7 @@ from ..nodes.trace import SOCKETS, upstream
 from .onset import is_painted, is_shown
 from .space import choose_space
 
-__all__ = ("why_no_surface", "why_no_uv", "why_not")
+__all__ = ("why_no_surface", "why_no_uv", "why_not", "why_nothing_to_learn")
 
 
 def why_not(
@@ -42,6 +42,19 @@ def why_not(
     if is_aged(material):
         return None
     return why_no_surface(material, owner) or _why_not_sockets(material, obj, owner)
+
+
+def why_nothing_to_learn(material: bpy.types.Material, obj: bpy.types.Object | None) -> str | None:
+    """One sentence why it cannot be learned from `material` on `obj` how it weathered, or None."""
+    if material.node_tree is None or is_aged(material) or why_no_surface(material):
+        return why_not(material, obj)
+    place = find_principled(material)
+    if choose_space(place.principled, place.groups).kind == "uniform":
+        return (
+            f"“{material.name}” is the same everywhere: choose a material that is clean in places "
+            "and weathered in others."
+        )
+    return why_not(material, obj)
 
 
 def why_no_surface(
