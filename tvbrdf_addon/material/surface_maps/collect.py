@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ...known import known
 from ..nodes.animation import channels
 from ..nodes.uv_maps import owned_uv_map
-from ..reading.evaluated import alike, mesh_of, stage, stand_in
+from ..reading.evaluated import alike, stage, stand_in
 from ..reading.onset import is_shown
-from ..reading.unwrap import active_uv_map, slots_with
+from ..reading.unwrap import active_uv_map
 from .charts import Faces
 from .shells import turned_in
 
@@ -88,6 +88,16 @@ class _Mesh:
     uv: Array | None
 
 
+_NO_MESH = _Mesh(
+    vertices=np.zeros((0, 3), np.float32),
+    triangles=np.zeros((0, 3), np.int64),
+    polygons=np.zeros(0, np.int64),
+    shows=np.zeros(0, bool),
+    normals=np.zeros((0, 3, 3), np.float32),
+    uv=None,
+)
+
+
 def collect(
     material: bpy.types.Material,
     scene: bpy.types.Scene,
@@ -121,6 +131,7 @@ def collect(
         look = stack.enter_context(stage("tvbrdf look", list(copies.values())))
         look.frame_set(frame)
         depsgraph = known(look.view_layers[0].depsgraph)
+        depsgraph.update()
 
         def matrices(objects: Sequence[bpy.types.Object]) -> Matrices:
             own = [
@@ -134,7 +145,7 @@ def collect(
         ours = owned_uv_map(material) if given is None else None
         for group in alike(meshes):
             name = given.name if given is not None else uv_map
-            mesh = _mesh(copies[group[0]], look, material, name, but=ours)
+            mesh = _mesh(copies[group[0]], depsgraph, material, name, but=ours)
             first, *more = matrices(group)
             if mesh.shows.any():
                 parts.append(_part(group[0], mesh, first, len(more)))
@@ -143,7 +154,7 @@ def collect(
         for group in alike(others):
             if triangles > _MOST_TRIANGLES:
                 break
-            mesh = _mesh(copies[group[0]], look, material, "")
+            mesh = _mesh(copies[group[0]], depsgraph, material, "")
             around.append(Around(mesh.vertices, mesh.triangles, tuple(matrices(group))))
             triangles += len(mesh.triangles)
     there = tuple(each for each in around if len(each.triangles) and each.matrices)
@@ -250,7 +261,7 @@ def _with_uv_map(copy: bpy.types.Object, obj: bpy.types.Object, given: UVMap) ->
 
 def _mesh(
     copy: bpy.types.Object,
-    look: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
     material: bpy.types.Material,
     uv_map: str,
     *,
@@ -259,7 +270,12 @@ def _mesh(
     """The evaluated mesh, without the triangles of it that are nowhere; its UV map is any `but`
     that one.
     """
-    mesh = mesh_of(copy, look)
+    seen = copy.evaluated_get(depsgraph)
+    try:
+        # Not a mesh of the file's: for each of these all objects would be looked at anew.
+        mesh = seen.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+    except RuntimeError:  # nothing that has faces: an empty, a volume
+        return _NO_MESH
     try:
         mesh.calc_loop_triangles()
         vertices = _read(mesh.vertices, "co", 3)
@@ -272,13 +288,13 @@ def _mesh(
                 ("material_index", 1),
             )
         )
-        marked = np.array([*slots_with(mesh, material), False])
+        marked = np.array([*_slots_with(seen, mesh, material), False])
         shows = marked[slots[:, 0].clip(0, max(len(marked) - 2, 0))]
         normals = _read(mesh.corner_normals, "vector", 3)
         name = uv_map if uv_map in mesh.uv_layers else active_uv_map(mesh)
         uv = None if name in (None, but) else _read(mesh.uv_layers[name].data, "uv", 2)
     finally:
-        bpy.data.meshes.remove(mesh)
+        seen.to_mesh_clear()
     places = np.isfinite(vertices).all(1)
     there = places[triangles].all(1)
     vertices[~places] = 0
@@ -291,6 +307,17 @@ def _mesh(
         normals[loops],
         None if uv is None else np.nan_to_num(uv[loops]),
     )
+
+
+def _slots_with(
+    seen: bpy.types.Object, mesh: bpy.types.Mesh, material: bpy.types.Material
+) -> list[bool]:
+    """Which of an evaluated object's materials is this one: slots may be the object's own, and the
+    mesh's list, which may be longer, does not say so.
+    """
+    own = [slot.material for slot in seen.material_slots]
+    shown = [*own, *[*mesh.materials][len(own) :]]
+    return [each is not None and each.original == material for each in shown]
 
 
 def _read(

@@ -92,14 +92,15 @@ def _filled(values: Array, baked: Marks, raster: Raster, position: Array) -> Arr
     lost = (nearest < 0).reshape(-1)[here]
     if not lost.any() or not baked.any():
         return values
-    there = np.flatnonzero(baked.reshape(-1)[here])
-    tree = mathutils.kdtree.KDTree(len(there))
-    for index, place in enumerate(position[there].tolist()):
+    there = baked.reshape(-1)[here]
+    known, first = np.unique(here[there], return_index=True)
+    tree = mathutils.kdtree.KDTree(len(known))
+    for index, place in enumerate(position[there][first].tolist()):
         tree.insert(place, index)
     tree.balance()
     flat = values.reshape(-1, values.shape[2])
     texels, first = np.unique(here[lost], return_index=True)
     for texel, place in zip(texels.tolist(), position[lost][first].tolist(), strict=True):
         _, index, _ = tree.find(place)
-        flat[texel] = flat[here[there[index]]]
+        flat[texel] = flat[known[index]]
     return values
