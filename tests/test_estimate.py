@@ -50,6 +50,28 @@ def test_runs_are_learned_from():
     assert replace(rates, overhead=0.6).of(draft) == Rates().of(draft), "nothing was learned of it"
 
 
+def test_a_run_of_one_size_tells_of_others():
+    """What a surface takes at any size, and what is fitted once, are told from what grows with it."""
+
+    def took(texels: int) -> dict[str, float]:
+        onset = 1.5 * (1.3 + 5e-7 * texels)
+        return {"read": 0.2, "onset": onset, "model": 0.1, "fit": 2.0, "write": 3e-7 * texels}
+
+    small, large = (
+        Work(texels, 36, "balanced", "affine", live=True, grows=True)
+        for texels in (1 << 20, 1 << 24)
+    )
+    rates = Rates()
+    for _ in range(8):
+        aged = report(small, **took(small.texels)) | {"binding": "live", "surface": {}}
+        rates = rates.after(aged, stored=10 << 20, before=1.0, maps=4.0)
+    for work in (small, large):
+        expected = 1.0 + sum(took(work.texels).values())
+        assert rates.of(work).seconds == pytest.approx(expected, rel=0.05)
+    with_maps = rates.of(replace(small, maps=True)).seconds
+    assert with_maps == pytest.approx(rates.of(small).seconds + 4.0, rel=0.02)
+
+
 def test_a_short_run_says_nothing_of_writing():
     small = Work(1024 * 16, 2, "balanced", "affine")
     learned = Rates().after(report(small), stored=10_000_000)

@@ -26,12 +26,14 @@ _IN_FRAMES = (
 class Growth:
     """`fields` of the request, and what is to be said, in sentences.
 
-    `uv_map` is one by which timing is then looked up, to be added to the meshes.
+    `seconds` went into the maps; 0 where they were kept.  `uv_map` is one by which timing is then
+    looked up, to be added to the meshes.
     """
 
     fields: dict[str, Any] = field(default_factory=dict)
     uv_map: UVMap | None = None
     notes: tuple[str, ...] = ()
+    seconds: float = 0.0
 
 
 def grows(request: dict[str, Any]) -> bool:
@@ -67,7 +69,8 @@ def growth(
             raise MaterialError(maps.notes[-1])
         return Growth(notes=maps.notes)
     if maps.own is None:
-        return Growth({"surface": str(maps.folder)}, None, maps.notes)
+        return Growth({"surface": str(maps.folder)}, None, maps.notes, maps.seconds)
     if not apart:
-        return Growth(notes=(_IN_FRAMES,))
-    return Growth({"surface": str(maps.folder), "timing_apart": True}, maps.own, maps.notes)
+        return Growth(notes=(_IN_FRAMES,), seconds=maps.seconds)
+    fields = {"surface": str(maps.folder), "timing_apart": True}
+    return Growth(fields, maps.own, maps.notes, maps.seconds)

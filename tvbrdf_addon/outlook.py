@@ -65,6 +65,7 @@ class _Look:
 
 
 _looks: dict[tuple[int, int], _Look] = {}
+_mapped: set[int] = set()  # materials whose surface's maps are kept, unless their objects change
 _wanted: tuple[int, int] | None = None
 _next_look = 0.0
 _rates: Rates | None = None
@@ -92,6 +93,8 @@ def outlook_of(material: bpy.types.Material, scene: bpy.types.Scene) -> Outlook 
         quality=settings.quality,
         temporal_model=_temporal_model(settings),
         live=settings.binding == LIVE,
+        grows=settings.onset == AUTO,
+        maps=settings.onset == AUTO and uids[0] not in _mapped,
     )
     rates = _kept_rates()
     return Outlook(size, why, rates.of(work), rates.of(replace(work, quality=BALANCED)))
@@ -103,11 +106,22 @@ def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> 
     return expected is not None and expected.estimate.seconds > PREVIEW_SECONDS
 
 
-def learn(aged: Mapping[str, Any], folder: Path) -> None:
-    """Remember what the run took whose report is `aged` and whose files lie in `folder`."""
+def learn(
+    material: bpy.types.Material,
+    aged: Mapping[str, Any],
+    folder: Path,
+    *,
+    before: float = 0.0,
+    maps: float = 0.0,
+) -> None:
+    """Remember what the run took whose report is `aged` and whose files lie in `folder`: before the
+    worker had it, and of its surface's maps (0: those of a run before were kept).
+    """
     global _rates
     stored = sum(path.stat().st_size for path in folder.iterdir())
-    _rates = _kept_rates().after(aged, stored)
+    _rates = _kept_rates().after(aged, stored, before=before, maps=maps)
+    if "surface" in aged:
+        _mapped.add(material.session_uid)
     if (path := preferences.user_file(RATES)) is not None:
         # On a full disk only the next start of Blender knows less.
         with contextlib.suppress(OSError):
@@ -216,4 +230,5 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(_look_in_time):
         bpy.app.timers.unregister(_look_in_time)
     _looks.clear()
+    _mapped.clear()
     _rates = None

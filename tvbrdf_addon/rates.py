@@ -1,12 +1,14 @@
 """What a run will take, from what the last ones took on this machine.  Imports no bpy.
 
-    seconds = overhead + model * (texels where every texel is modeled, else 1)
-              + write * frames * texels
+    seconds = overhead + maps + points + laid * texels
+              + model * (texels where every texel is modeled, else 1)
+              + fit + write * frames * texels
     bytes = stored * frames * texels
 
 `write` and `stored` are one number for each quality, and another for live results, which store one
-frame, as it were; and `model` one for each quality and kind of temporal model (through latents or
-not).
+frame, as it were, and are fitted once; and `model` one for each quality and kind of temporal model
+(through latents or not). Where nothing grows on a surface there are no `maps`, `points` and `laid`,
+and no `maps` where they are kept from a run before.
 """
 
 from __future__ import annotations
@@ -34,8 +36,9 @@ _TELLING = 1_000_000
 
 @dataclass(frozen=True)
 class Work:
-    """What is asked for: `texels` a frame, `frames` frames, how they are modeled, and whether the
-    shader is to make them (`live`).
+    """What is asked for: `texels` a frame, `frames` frames, how they are modeled, whether the
+    shader is to make them (`live`), whether aging grows on a surface, and whether its maps are yet
+    to be made.
     """
 
     texels: int
@@ -43,6 +46,8 @@ class Work:
     quality: str
     temporal_model: str
     live: bool = False
+    grows: bool = False
+    maps: bool = False
 
     @property
     def written(self) -> int:
@@ -76,7 +81,8 @@ class Estimate:
 
 # Measured (`python -m training evaluate pareto`) on two idle cores of 2020.
 _FIRST: dict[str, dict[str, float]] = {
-    "write": {DRAFT: 6e-8, BALANCED: 1.7e-7, EXACT: 1.7e-7, LIVE: 5e-7},
+    "surface": {"maps": 2.5, "points": 1.3, "laid": 5e-7},
+    "write": {DRAFT: 6e-8, BALANCED: 1.7e-7, EXACT: 1.7e-7, LIVE: 2e-7},
     "stored": {DRAFT: 12.0, BALANCED: 6.0, EXACT: 6.0, LIVE: 12.0},
     "model": {
         f"{DRAFT} parameters": 0.15,
@@ -94,6 +100,8 @@ class Rates:
     """What runs take on this machine; by default what they took on another."""
 
     overhead: float = 0.6
+    fit: float = 0.3
+    surface: Mapping[str, float] = field(default_factory=lambda: _FIRST["surface"])
     write: Mapping[str, float] = field(default_factory=lambda: _FIRST["write"])
     stored: Mapping[str, float] = field(default_factory=lambda: _FIRST["stored"])
     model: Mapping[str, float] = field(default_factory=lambda: _FIRST["model"])
@@ -105,7 +113,11 @@ class Rates:
             kept = read_json(path) if path else {}
             tables = {name: first | kept.get(name, {}) for name, first in _FIRST.items()}
             rates = cls(**{**kept, **tables})
-            for rate in (rates.overhead, *(each for of in tables.values() for each in of.values())):
+            for rate in (
+                rates.overhead,
+                rates.fit,
+                *(each for of in tables.values() for each in of.values()),
+            ):
                 if not 0 <= rate < CENTURY:
                     raise ValueError(f"{rate} is not a rate")
         except (OSError, ValueError, TypeError, AttributeError):
@@ -117,36 +129,62 @@ class Rates:
 
     def of(self, work: Work) -> Estimate:
         """What `work` will probably take."""
-        modeling = self.model[work.kind] * work.modeled
+        modeling = self.model[work.kind] * work.modeled + work.live * self.fit
+        reading = self.overhead + work.maps * self.surface["maps"] + self._growing(work)
         return Estimate(
-            seconds=self.overhead + modeling + self.write[work.writing] * work.written,
+            seconds=reading + modeling + self.write[work.writing] * work.written,
             bytes=self.stored[work.writing] * work.written,
         )
 
-    def after(self, aged: Mapping[str, Any], stored: int) -> Rates:
-        """The rates after a run with the report `aged` (`aged.json`) that left `stored` bytes."""
+    def _growing(self, work: Work) -> float:
+        return work.grows * (self.surface["points"] + self.surface["laid"] * work.texels)
+
+    def after(
+        self, aged: Mapping[str, Any], stored: int, *, before: float = 0.0, maps: float = 0.0
+    ) -> Rates:
+        """The rates after a run with the report `aged` (`aged.json`) that left `stored` bytes, and
+        took `before` seconds until the worker had it, beside those for `maps` (0: kept).
+        """
         height, width = aged["size"]
-        live = aged.get("binding") == LIVE
-        work = Work(height * width, aged["frames"], aged["quality"], aged["temporal_model"], live)
         seconds: Mapping[Stage, float] = aged["seconds"]
         if not {"read", "onset", "model", "write"} <= seconds.keys():
             return self
+        work = Work(
+            height * width,
+            aged["frames"],
+            aged["quality"],
+            aged["temporal_model"],
+            live=aged.get("binding") == LIVE,
+            grows="surface" in aged,
+        )
+        overhead = before + seconds["read"] + (0 if work.grows else seconds["onset"])
         model = _blend(self.model[work.kind], seconds["model"] / work.modeled)
         known = replace(
             self,
-            overhead=_blend(self.overhead, seconds["read"] + seconds["onset"]),
+            overhead=_blend(self.overhead, overhead),
+            fit=_blend(self.fit, seconds["fit"]) if "fit" in seconds else self.fit,
+            surface=self._surface_after(work, seconds["onset"], maps),
             model={**self.model, work.kind: model},
         )
         if work.written < _TELLING:
             return known
-        spent = seconds["write"] + seconds.get("fit", 0.0)
-        write = _blend(self.write[work.writing], spent / work.written)
+        write = _blend(self.write[work.writing], seconds["write"] / work.written)
         each = _blend(self.stored[work.writing], stored / work.written)
         return replace(
             known,
             write={**self.write, work.writing: write},
             stored={**self.stored, work.writing: each},
         )
+
+    def _surface_after(self, work: Work, growing: float, maps: float) -> Mapping[str, float]:
+        """What is there however large textures are, and what grows with them, alike."""
+        surface = dict(self.surface)
+        if maps:
+            surface["maps"] = _blend(surface["maps"], maps)
+        if (expected := self._growing(work)) > 0:
+            for name in ("points", "laid"):
+                surface[name] = _blend(surface[name], surface[name] * growing / expected)
+        return surface
 
 
 def _blend(old: float, new: float) -> float:

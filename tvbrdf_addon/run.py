@@ -190,6 +190,7 @@ class Run:
         self._worker = worker
         self._computing_since: float | None = None
         self._uv_map: UVMap | None = None
+        self._before = self._mapping = 0.0
         self._steps = self._all_steps()
 
     def step(self) -> bool:
@@ -236,7 +237,9 @@ class Run:
         yield
         yield
         with tempfile.TemporaryDirectory(prefix="tvbrdf-", ignore_cleanup_errors=True) as job:
+            started = time.monotonic()
             reading, request = self._read(Path(job))
+            self._before = time.monotonic() - started - self._mapping
             yield
             if self.cancel_requested:
                 raise Cancelled
@@ -278,7 +281,7 @@ class Run:
         if grows(request):
             grown = growth(request, material, scene, reading, frame)
             self.warnings.extend(grown.notes)
-            self._uv_map = grown.uv_map
+            self._uv_map, self._mapping = grown.uv_map, grown.seconds
             request |= grown.fields
         if is_invertible(material):
             onset = write_onset(
@@ -368,7 +371,9 @@ class Run:
         folder = str(self.plan.folder)
         material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder
         material.tvbrdf.size_reason = self.size_reason
-        outlook.learn(self.aged, self.plan.folder)
+        outlook.learn(
+            *(material, self.aged, self.plan.folder), before=self._before, maps=self._mapping
+        )
 
     def _material(self) -> bpy.types.Material:
         material = by_uid(bpy.data.materials, self.plan.material_uid)

@@ -47,7 +47,12 @@ def test_size_time_and_disk(paint):
     expected = looked(paint)
     assert expected.size == (256, 512)
     assert expected.why == "512 px is all the cameras see on this frame, of 1024 in the images."
-    assert expected.estimate == Rates().of(Work(256 * 512, 10, "balanced", "affine", live=True))
+    work = Work(256 * 512, 10, "balanced", "affine", live=True, grows=True, maps=True)
+    assert expected.estimate == Rates().of(work)
+    paint.tvbrdf.onset = "none"
+    at_once = outlook_of(paint, bpy.context.scene).estimate
+    assert at_once == Rates().of(Work(256 * 512, 10, "balanced", "affine", live=True))
+    assert at_once.seconds < expected.estimate.seconds
 
 
 def test_images_keep_their_size(paint):
@@ -77,7 +82,7 @@ def test_a_material_that_cannot_be_read_has_no_forecast(paint):
     assert looked(paint) is None
 
 
-def test_runs_are_learned_from_and_kept(tmp_path: Path, monkeypatch):
+def test_runs_are_learned_from_and_kept(paint, tmp_path: Path, monkeypatch):
     monkeypatch.setattr(module.preferences, "user_file", lambda name: tmp_path / name)
     result = tmp_path / "Paint"
     result.mkdir()
@@ -89,12 +94,29 @@ def test_runs_are_learned_from_and_kept(tmp_path: Path, monkeypatch):
         "temporal_model": "affine",
         "seconds": {"read": 1.0, "onset": 1.0, "model": 1.0, "write": 100.0},
     }
-    learn(aged, result)
+    learn(paint, aged, result)
     kept = json.loads((tmp_path / "rates.json").read_text())
     assert kept["write"]["draft"] == pytest.approx(
         (100 / (36 * 1024**2) + Rates().write["draft"]) / 2
     )
     assert Rates.load(tmp_path / "rates.json") == module._rates
+
+
+def test_maps_that_are_kept_are_not_made_again(paint, tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(module.preferences, "user_file", lambda name: None)
+    before = looked(paint)
+    aged = {
+        "size": [512, 1024],
+        "frames": 36,
+        "quality": "balanced",
+        "temporal_model": "affine",
+        "binding": "live",
+        "surface": {},
+        "seconds": {"read": 0.1, "onset": 1.5, "model": 0.1, "fit": 0.3, "write": 0.1},
+    }
+    learn(paint, aged, tmp_path, before=0.5, maps=2.5)
+    after = outlook_of(paint, bpy.context.scene)
+    assert before.estimate.seconds - after.estimate.seconds == pytest.approx(2.5, abs=0.8)
 
 
 def test_a_look_that_fails_is_said_and_ends_no_timer_with_a_traceback(paint, monkeypatch, capsys):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import bpy
@@ -31,12 +32,13 @@ class SurfaceMaps:
     """The `folder` of the maps, None where there are none, and what is to be said, in sentences.
 
     `own` is the UV map that they are laid out in, which the meshes do not have yet; None where it
-    is the material's.
+    is the material's.  They took so many `seconds` to make; 0 where they were kept.
     """
 
     folder: Path | None
     own: UVMap | None
     notes: tuple[str, ...]
+    seconds: float = 0.0
 
 
 def write_surface(
@@ -55,6 +57,7 @@ def write_surface(
     `uv_map` and `tiles` say where the material's own maps lie, as in `lay_out`.  Folders lie in
     `kept`, the last few of which stay for the next time.  Raises `MaterialError`.
     """
+    started, made = time.monotonic(), 0.0
     seen, name = collect(material, scene, frame, uv_map=uv_map or ""), free_name(material)
     folder = kept / _digest(seen, repr((uv_map, tiles, name, size)))
     if not folder.is_dir():
@@ -69,10 +72,11 @@ def write_surface(
         write_maps(layout, part)
         _keep(layout, part)
         part.rename(folder)
+        made = time.monotonic() - started
     folder.touch()
     for old in sorted(kept.iterdir(), key=lambda each: each.stat().st_mtime)[:-_KEPT]:
         shutil.rmtree(old, ignore_errors=True)
-    return _kept(folder)
+    return replace(_kept(folder), seconds=made)
 
 
 def _keep(layout: Layout, folder: Path) -> None:
