@@ -51,7 +51,7 @@ def test_runs_are_learned_from():
 
 
 def test_a_run_of_one_size_tells_of_others():
-    """What a surface takes at any size, and what is fitted once, are told from what grows with it."""
+    """What a surface takes at any size, and what is fitted once, are told from what grows."""
 
     def took(texels: int) -> dict[str, float]:
         onset = 1.5 * (1.3 + 5e-7 * texels)
