@@ -14,6 +14,7 @@ from .memory import peak_rss_mb
 from .modelling.compose import AgedTexels
 from .modelling.start import Start
 from .output.savings import savings
+from .representation.measured import Encoded
 from .run import Run
 
 __all__ = ("account_of",)
@@ -26,6 +27,7 @@ def account_of(
     live: Fitted | None,
     *,
     rung: str,
+    encoded: Encoded | None,
     interval: int,
     format: Format,
     times: Sequence[float],
@@ -33,10 +35,12 @@ def account_of(
 ) -> dict[str, Any]:
     """What `aged.json` holds of a run that wrote `files`.
 
-    Every `interval`-th frame was aged; `live` stands for all frames where it is not None.
+    Every `interval`-th frame was aged; `live` stands for all frames where it is not None. `encoded`
+    are the latents of a measured material, where these were rolled out.
     """
     request = run.request
     coefficients = None if live is None else live.coefficients + modeled.residue_count
+    fit_error = 0.0 if start.fit is None else float(start.fit.error[0])
     return {
         "format": format,
         "binding": FRAMES if live is None else LIVE,
@@ -58,7 +62,8 @@ def account_of(
             coefficients=coefficients,
             not_live=start.may_be_live and live is None,
         ),
-        "fit_error": round(max(start.fit_error, modeled.histories.fit_error), 6),
+        "fit_error": round(max(fit_error, modeled.histories.fit_error), 6),
+        **_measured(start, encoded),
         **({} if live is None else {"error_db": live.error_db}),
         "warnings": run.warnings,
         "seconds": run.seconds,
@@ -85,6 +90,14 @@ def _residues(modeled: AgedTexels, start: Start, live: Fitted | None) -> dict[st
         "tile_side": round(start.laid.side, 9),
         "tile_unit": METERS if start.laid.in_meters else OF_TEXTURE,
     }
+
+
+def _measured(start: Start, encoded: Encoded | None) -> dict[str, Any]:
+    """How near a measured material looks, as maps and as latents hold it."""
+    if start.fit is None:
+        return {}
+    found = {"fit": start.fit.db, "latents": None if encoded is None else encoded.db}
+    return {"measured_db": {n: round(float(db[0]), 1) for n, db in found.items() if db is not None}}
 
 
 def command_line(request: AgeRequest) -> str:

@@ -16,7 +16,8 @@ from torch import Tensor
 from .account import account_of
 from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
-from .contract import AFFINE, AUTO, LIVE, PRINCIPLED, AgeRequest, Format
+from .brdf.refinement import DOUBTFUL
+from .contract import AFFINE, AUTO, LIVE, LSTM_LATENTS, PRINCIPLED, AgeRequest, Format
 from .errors import InputError, UsageError
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
@@ -28,6 +29,7 @@ from .modelling.start import Start, read_start
 from .modelling.texels import authored_texels
 from .output.frames import Frames, file_names, maps_of, write_frames, write_stored_frames
 from .output.stored import StagedResult, check_space
+from .representation.measured import Encoded, encode_measured
 from .run import Reporter, Run
 from .temporal.domain import FOREIGN_SHARE
 
@@ -40,6 +42,15 @@ _BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (
     "This change is too varied for the shader to compute within the tolerance, so frames were "
     "written instead; a lower tolerance may allow it."
+)
+_NOT_HELD = (
+    "Kd, Ks and one roughness show this measurement with no more than {:.0f} dB: colors that "
+    "change with the light's direction, or several highlights in one, are lost. Look at the first "
+    "frame."
+)
+_NOT_ENCODED = (
+    "The encoder holds this measurement with no more than {:.0f} dB, so it may change as another "
+    "material would; the affine temporal model needs no encoder."
 )
 _NOT_APART = (
     "This change is too varied for the shader to compute within the tolerance, and frames cannot "
@@ -84,8 +95,9 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     _require_room(run, start, staged, live=start.may_be_live)
     counted = start.counted
     rung = _rung(run, start, counted.initial)
-    change = _change(run, start, rung, device)
     with run.timed("model"):
+        encoded = _encoded(run, start, rung)
+        change = _change(run, start, rung, device, encoded)
         modeled = model_texels(
             counted.initial,
             change,
@@ -114,6 +126,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         modeled,
         live,
         rung=rung,
+        encoded=encoded,
         interval=effort.interval,
         format=format,
         times=times,
@@ -134,14 +147,32 @@ def _require_room(run: Run, start: Start, staged: StagedResult, *, live: bool) -
     check_space(request.output, start.size[0] * start.size[1] * needed, len(names))
 
 
-def _change(run: Run, start: Start, rung: str, device: torch.device) -> Change:
+def _encoded(run: Run, start: Start, rung: str) -> Encoded | None:
+    """A measured material as latents, where these are rolled out; what is lost is said."""
+    if start.fit is None:
+        return None
+    if (db := float(start.fit.db[0])) < DOUBTFUL:
+        run.warn(_NOT_HELD.format(db))
+    material = start.material
+    if rung != LSTM_LATENTS or not isinstance(material, MeasuredBRDF):
+        return None
+    representation = start.models.representation
+    encoded = encode_measured(representation, lambda angles: material.evaluate(angles)[None])
+    if (db := float(encoded.db[0])) < DOUBTFUL:
+        run.warn(_NOT_ENCODED.format(db))
+    return encoded
+
+
+def _change(
+    run: Run, start: Start, rung: str, device: torch.device, encoded: Encoded | None
+) -> Change:
     return Change(
         start.models.ntm,
         rung,
         start.models.representation,
         start.models.estimator,
         specular=run.request.specular,
-        measured=start.material if isinstance(start.material, MeasuredBRDF) else None,
+        measured=None if encoded is None else encoded.latents,
         course=start.course,
         device=device,
         warn=run.warn,

@@ -354,6 +354,7 @@ class TestMeasured:
         report = run(source, tmp_path / "out", frames=4, onset="none")
         assert (report["format"], report["size"]) == ("torrance-sparrow", [1, 1])
         assert 0 < report["fit_error"] < 1
+        assert report["measured_db"]["fit"] > 30
         assert list(report["hashes"]["input"]) == [source.name]
         kd = frames_of(tmp_path / "out", "kd", 4)[:, 0, 0]
         assert (kd > 0.001).any()
@@ -369,6 +370,15 @@ class TestMeasured:
         np.testing.assert_allclose(first[1], (0.3, 0.2, 0.1), rtol=0.02)
         assert first[2] == pytest.approx(0.3, rel=0.01)
         assert list(report["hashes"]["input"]) == ["made up.binary"]
+        held = ["fit"] if report["temporal_model"] != "lstm_latents" else ["fit", "latents"]
+        assert list(report["measured_db"]) == held
+        assert min(report["measured_db"].values()) > 40
+
+    def test_what_maps_cannot_hold_is_said(self, data_folder: Path, tmp_path: Path):
+        source = data_folder / "bsdf" / "acrylic_felt_green_rgb.bsdf"
+        report = run(source, tmp_path / "out", frames=2, onset="none")
+        assert 20 < report["measured_db"]["fit"] < 30
+        assert any("show this measurement" in said for said in report["warnings"])
 
     def test_and_as_a_texture_where_it_is_to_spread(self, merl_file: Path, tmp_path: Path):
         report = run(merl_file, tmp_path / "out", frames=2, size=24)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..channels import ALPHA_MIN
+from ..channels import ALPHA_MIN, optics
 from ..contract import Specular
 from ..states import joined
 from .half_angle import above_horizon, cosines
-from .torrance_sparrow import specular_lobe
+from .torrance_sparrow import evaluate, specular_lobe
 
-__all__ = ("USUAL", "Fit", "FitEffort", "fit_angles", "fit_torrance_sparrow")
+__all__ = ("USUAL", "Fit", "FitEffort", "fit_angles", "fit_torrance_sparrow", "relative_error")
 
 
 _CHUNK = 4096
@@ -143,16 +143,32 @@ def fit_torrance_sparrow(
     return Fit(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 
-def _fit_chunk(
-    f: Tensor, angles: Tensor, specular: Specular, effort: FitEffort
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    f, angles = f.to(effort.precision), angles.to(effort.precision)
+def relative_error(f: Tensor, states: Tensor) -> Tensor:
+    """The error [N] that `Fit` has, of any `states` [N, C] as a fit of `f` [N, M, 3] at
+    `fit_angles()`.
+    """
+    angles = fit_angles().double()
+    f, weights = _weighed(f.double(), angles)
+    missing = f - evaluate(*optics(states.double()), angles)
+    left, whole = ((weights[..., None] * x.square()).sum((1, 2)) for x in (missing, f))
+    return (left / whole.clamp_min(torch.finfo(whole.dtype).tiny)).sqrt().float()
+
+
+def _weighed(f: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:
+    """`f` [N, M, 3] with 0 for what is not finite, and how much each direction [N, M] counts."""
     finite = torch.isfinite(f).all(-1)
     f = torch.where(finite[..., None], f, torch.zeros_like(f)).clamp_min(0)
     cos_i, cos_o, _, _ = cosines(angles)
     brightness = f.mean(-1)
     floor = 0.05 * brightness.median(1, keepdim=True).values + 1e-4
-    weights = finite * (cos_i * cos_o).clamp(0, 1) / (brightness + floor).square()
+    return f, finite * (cos_i * cos_o).clamp(0, 1) / (brightness + floor).square()
+
+
+def _fit_chunk(
+    f: Tensor, angles: Tensor, specular: Specular, effort: FitEffort
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    f, angles = f.to(effort.precision), angles.to(effort.precision)
+    f, weights = _weighed(f, angles)
     moments = _Moments.of(f, weights)
 
     grid = torch.linspace(math.log(ALPHA_MIN), 0, effort.candidates, dtype=f.dtype, device=f.device)

@@ -10,11 +10,10 @@ import torch
 from torch import Tensor
 
 from ..brdf.fit import USUAL, FitEffort
-from ..brdf.measured import MeasuredBRDF
 from ..contract import BALANCED, CONSTANT, DRAFT, EXACT, LSTM_LATENTS, Quality, Specular
 from ..images import Compression
 from ..representation.estimator import ParameterEstimator
-from ..representation.latents import PAPER_SAMPLES, Representation
+from ..representation.latents import PAPER_SAMPLES, Latents, Representation
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course
 from .compose import AgedTexels
@@ -66,7 +65,7 @@ class Change:
     rung: of the ladder of `ntm`
     estimator: of the parameters of latents, where an effort has no fit; without one they are fitted
     specular: "mono" gives all colors one Ks
-    measured: the BRDF behind the only texel, where there is one
+    measured: latents of the only texel, where a measured BRDF is behind it
     course: that of texels which have begun already, where these go on instead of beginning
     device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it
     warn: hears what the user should know, in sentences
@@ -77,7 +76,7 @@ class Change:
     representation: Representation
     estimator: ParameterEstimator | None = None
     specular: Specular = "rgb"
-    measured: MeasuredBRDF | None = None
+    measured: Latents | None = None
     course: Course | None = None
     device: torch.device = CPU
     warn: Callable[[str], None] = lambda message: None

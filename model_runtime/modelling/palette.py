@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..brdf.half_angle import above_horizon
 from ..brdf.torrance_sparrow import evaluate
+from ..brdf.views import tone_map
 from ..channels import optics
 from ..states import clamped, perceptual
 
@@ -21,7 +22,6 @@ __all__ = (
     "build_palette",
     "look",
     "stored_frames",
-    "tone_map",
     "viewed",
     "viewed_psnr",
     "viewing_angles",
@@ -108,13 +108,6 @@ def viewed_psnr(truth: Tensor, estimate: Tensor) -> float:
     """
     error = (look(truth) - look(estimate)).square().mean()
     return float(-10 * error.clamp_min(1e-10).log10())
-
-
-def tone_map(radiance: Tensor, exposure: float = 1.0) -> Tensor:
-    """(1 - exp(-2 v))^(1 / 2.8), the gamma correction of the paper's section 4.2, of radiance v,
-    which is at least 0, times the exposure.
-    """
-    return (1 - torch.exp(-2 * exposure * radiance)).pow(1 / 2.8)
 
 
 def look(f: Tensor) -> Tensor:

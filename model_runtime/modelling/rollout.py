@@ -11,13 +11,14 @@ from torch import Tensor
 
 from ..brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from ..brdf.measured import MeasuredBRDF
+from ..brdf.refinement import SeenFit, fit_seen
 from ..brdf.torrance_sparrow import evaluate
 from ..channels import KD, KS, REFLECTANCES, optics
 from ..contract import LSTM_LATENTS, Specular
 from ..errors import InputError, ModelFileError, shown
 from ..maps import HALF_MAX
 from ..representation.estimator import ParameterEstimator
-from ..representation.latents import PAPER_SAMPLES, Latents, Representation
+from ..representation.latents import Latents, Representation
 from ..states import clamped, with_reflectances
 from ..temporal.ntm import NeuralTemporalModel
 
@@ -43,18 +44,15 @@ class Histories:
     device: str = "cpu"
 
 
-def fit_measured(brdf: MeasuredBRDF, specular: Specular) -> tuple[Tensor, float]:
-    """The state [1, C] of a measured BRDF and the relative RMS error of the
-    fit. Raises InputError where they are beyond what maps hold.
-    """
-    fit = fit_torrance_sparrow(brdf.evaluate(fit_angles())[None], specular=specular)
-    parameters = fit.parameters()
-    if not bool((parameters <= HALF_MAX).all()):  # nor NaN
+def fit_measured(brdf: MeasuredBRDF, specular: Specular) -> SeenFit:
+    """The state [1, C] of a measured BRDF. Raises InputError where it is beyond what maps hold."""
+    fit = fit_seen(lambda angles: brdf.evaluate(angles)[None], specular)
+    if not bool((fit.states <= HALF_MAX).all()):  # nor NaN
         raise InputError(
             f"{shown(brdf.name)} reflects more than half floats hold.",
             "Choose another measurement, or scale its values.",
         )
-    return parameters, float(fit.error[0])
+    return fit
 
 
 def roll_out(
@@ -66,16 +64,16 @@ def roll_out(
     samples: int | None = None,
     fit: FitEffort | ParameterEstimator = USUAL,
     specular: Specular = "rgb",
-    measured: MeasuredBRDF | None = None,
+    measured: Latents | None = None,
     device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
 ) -> Histories:
     """The histories of `entries` [P, C] under the model of change `rung` of `ntm`.
 
     Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
-    `samples` directions of them where that is given (`measured`, then the only entry, always is
-    sampled), rolled out, decoded and fitted with the effort `fit` at every age, or told by an
-    estimator: on `device`, for that is what takes time. `step` hears which share is done.
+    `samples` directions of them where that is given (`measured` are those of the only entry, where
+    they are known), rolled out, decoded and fitted with the effort `fit` at every age, or told by
+    an estimator: on `device`, for that is what takes time. `step` hears which share is done.
 
     Raises ModelFileError where the NTM makes states that are not finite, or rolls out other latents
     than those of `representation`.
@@ -93,7 +91,7 @@ def roll_out(
     for start, stop in _chunks(len(entries)):
         chunk = entries[start:stop]
         if rung == LSTM_LATENTS:
-            latents = _encode(chunk, representation, samples, measured).to(device)
+            latents = (measured or _encode(chunk, representation, samples)).to(device)
             if ntm.latents.sizes != representation.latent_sizes:
                 raise _unusable(ntm, "rolls out latents of another encoder")
             flat = model.rollout(latents.flat(), ntm.frames)
@@ -142,17 +140,10 @@ def _chunks(count: int) -> Iterator[tuple[int, int]]:
         yield start, min(start + _CHUNK, count)
 
 
-def _encode(
-    entries: Tensor,
-    representation: Representation,
-    samples: int | None,
-    measured: MeasuredBRDF | None,
-) -> Latents:
-    if measured is None and samples is None:
+def _encode(entries: Tensor, representation: Representation, samples: int | None) -> Latents:
+    if samples is None:
         return representation.encode_parameters(entries)
-    angles = representation.sample_angles(samples or PAPER_SAMPLES, measured=measured is not None)
-    if measured is not None:
-        return representation.encode(angles, measured.evaluate(angles)[None])
+    angles = representation.sample_angles(samples)
     return representation.encode(angles, evaluate(*optics(entries), angles))
 
 

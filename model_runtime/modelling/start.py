@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..brdf.measured import MeasuredBRDF
+from ..brdf.refinement import SeenFit
 from ..contract import AUTO, FRAMES, PRINCIPLED, TORRANCE_SPARROW, Format
 from ..errors import InputError
 from ..maps import Pixels, PrincipledMaps
@@ -58,7 +59,7 @@ class Start:
     texels: of the whole image; `covered` [H, W] are those that a face shows, None: all are
     format: what to write, unless it cannot hold what the texels become
     may_be_live: whether a live material may stand for all frames
-    fit_error: of a measured material; 0 where nothing was fitted
+    fit: of a measured material
     hashes: of the files that were read, as `aged.json` has them
     apart: onset and rate [H, W] of a layout of their own, where `texels` all begin at once
     course: of what has begun already, where anything has
@@ -73,7 +74,7 @@ class Start:
     covered: NDArray[np.bool_] | None
     format: Format
     may_be_live: bool
-    fit_error: float
+    fit: SeenFit | None
     hashes: dict[str, Any]
     apart: tuple[Pixels, Pixels] | None
     course: Course | None
@@ -96,7 +97,7 @@ def read_start(run: Run) -> Start:
             hashes["input"] = hash_input(request.input)
             maps_size = (1, 1) if isinstance(material, MeasuredBRDF) else material.size
             covered = read_covered(request.input, maps_size)
-        initial, size, fit_error = initial_states(material, request)
+        initial, size, fit = initial_states(material, request)
     with run.timed("onset"):
         exposure = exposure_of(request, models.ntm)
         atlas = _read_surface(run, models.ntm, hashes)
@@ -131,7 +132,7 @@ def read_start(run: Run) -> Start:
         covered,
         format=request.format or own,
         may_be_live=request.binding != FRAMES and size != (1, 1),
-        fit_error=fit_error,
+        fit=fit,
         hashes=hashes,
         apart=apart,
         course=course,

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..brdf import principled
 from ..brdf.measured import MeasuredBRDF
+from ..brdf.refinement import SeenFit
 from ..contract import AUTO, EVERYWHERE, AgeRequest, exposure_weights
 from ..errors import InputError, ModelFileError, shown
 from ..images import read_image
@@ -44,15 +45,15 @@ _UNIFORM_SIZE = 512
 
 def initial_states(
     material: Material, request: AgeRequest
-) -> tuple[Tensor, tuple[int, int], float]:
-    """States [n, C] of every texel at t = 0, the size in texels, and the error of the fit."""
+) -> tuple[Tensor, tuple[int, int], SeenFit | None]:
+    """States [n, C] of all texels at t = 0, the size in texels, and the fit of what is measured."""
     if isinstance(material, MeasuredBRDF):
-        parameters, error = fit_measured(material, request.specular)
-        return parameters, (1, 1), error
+        fit = fit_measured(material, request.specular)
+        return fit.states, (1, 1), fit
     maps = principled.forward(material) if isinstance(material, PrincipledMaps) else material
     if request.specular == "mono" and isinstance(material, TorranceSparrowMaps):
         maps = replace(maps, ks=np.repeat(maps.ks.mean(-1, keepdims=True), 3, -1))
-    return torch.from_numpy(maps.planes()).T, maps.size, 0.0
+    return torch.from_numpy(maps.planes()).T, maps.size, None
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from model_runtime.brdf import views
 from model_runtime.brdf.half_angle import from_directions
-from model_runtime.modelling import palette
 
 from .radiance import read_radiance
 
@@ -25,7 +25,7 @@ Evaluate = Callable[[Tensor], Tensor]
 
 def tone_map(radiance: Tensor) -> Tensor:
     """As pixels are shown, 0 to 1; what is less than nothing is black."""
-    return palette.tone_map(radiance.clamp_min(0))
+    return views.tone_map(radiance.clamp_min(0))
 
 
 def psnr(truth: Tensor, estimate: Tensor) -> Tensor:

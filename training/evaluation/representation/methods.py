@@ -14,6 +14,7 @@ from torch import Tensor
 from model_runtime.model_files.weights import read_card
 from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.latents import PAPER_SAMPLES, Latents
+from model_runtime.representation.measured import encode_measured
 from model_runtime.representation.paper import PaperRepresentation
 
 from ...baselines import nbrdf
@@ -52,13 +53,14 @@ class Setting:
 @dataclass(frozen=True)
 class Held:
     """n BRDFs as a method holds them: `evaluate` as `Materials.evaluate`; `seconds` of one core it
-    took to get them all.
+    took to get them all. refined: whether each was looked at again (`encode_measured`).
     """
 
     evaluate: Evaluate
     n: int
     seconds: float
     texel: bool
+    refined: bool = False
 
 
 class Method(Protocol):
@@ -106,6 +108,8 @@ class EncoderMethod:
     trained: what its card says of its training
     samples, texel_samples: directions offered for a uniform material and for a texel
     together: BRDFs decoded at once, as the processor's caches like it
+    refines: whether measured BRDFs are looked at again, as the product does; not in the curve,
+        which is the encoder's
     """
 
     model: Trained
@@ -113,6 +117,7 @@ class EncoderMethod:
     together: int = 64
     samples: int = PAPER_SAMPLES
     texel_samples: int = PAPER_SAMPLES
+    refines: bool = False
 
     def applies_to(self, name: str) -> bool:
         """Every set does."""
@@ -127,20 +132,26 @@ class EncoderMethod:
         """Encode all rows, a few at a time; decode those that are asked for."""
         own = self.samples if materials.texels is None else self.texel_samples
         m = own if setting is None else setting.samples
-        angles = self.model.sample_angles(m, measured=materials.measured)
-        f = materials.every(angles)
+        refined = self.refines and materials.measured and setting is None
         start = time.process_time()
-        few = f.split(max(1, _AT_ONCE // len(angles)))
-        parts = [self.model.encode(angles, some) for some in few]
+        if refined:
+            latents = encode_measured(self.model, materials.every).latents
+        else:
+            angles = self.model.sample_angles(m, measured=materials.measured)
+            f = materials.every(angles)
+            start = time.process_time()
+            few = f.split(max(1, _AT_ONCE // len(angles)))
+            parts = [self.model.encode(angles, some) for some in few]
+            color = torch.cat([part.color for part in parts])
+            latents = Latents(color, torch.cat([part.shared for part in parts]))
         seconds = time.process_time() - start
-        color = torch.cat([part.color for part in parts])
-        shared = torch.cat([part.shared for part in parts])
 
         def decode(rows: Tensor, wanted: Tensor) -> Tensor:
             few = rows.split(self.together)
-            return torch.cat([self.model.decode(Latents(color[r], shared[r]), wanted) for r in few])
+            some = (Latents(latents.color[r], latents.shared[r]) for r in few)
+            return torch.cat([self.model.decode(each, wanted) for each in some])
 
-        return Held(decode, materials.n, seconds, materials.texels is not None)
+        return Held(decode, materials.n, seconds, materials.texels is not None, refined)
 
     def point(self, held: Sequence[Held], setting: Setting) -> tuple[int, int | None, float]:
         """Timed anew, in batches of up to 64 BRDFs."""
@@ -156,6 +167,8 @@ class EncoderMethod:
         wanted = PaperRepresentation().sample_angles(_TIMED_DIRECTIONS)
         decode = _seconds(lambda: self.model.decode(latents, wanted))
         samples, _, encode_ms = self.point(held, Setting(self.samples))
+        again = [one for one in held if one.refined]
+        spent, n = sum(one.seconds for one in again), sum(one.n for one in again)
         return Cost(
             parameters=sum(p.numel() for p in self.model.parameters()),
             latent_dims=sum(self.model.latent_sizes),
@@ -165,6 +178,7 @@ class EncoderMethod:
             train_iterations=self.trained.get("iterations"),
             samples=samples,
             texel_samples=len(self.model.sample_angles(self.texel_samples)),
+            refine_ms=round(1e3 * spent / n, 1) if n else None,
         )
 
 
@@ -232,8 +246,8 @@ class NetworkMethod:
 
 _SLOW = {"together": 2, "texel_samples": _TEXEL_SAMPLES}
 
-METHODS: Mapping[str, Mapping[str, int]] = {
-    "ours": {},
+METHODS: Mapping[str, Mapping[str, Any]] = {
+    "ours": {"refines": True},
     "paper": _SLOW,
     "paper_long": _SLOW,
     "brdfnps": _SLOW,

@@ -51,6 +51,7 @@ class Cost:
     """What a method takes: times are those of one core, in batches.
 
     samples, texel_samples: directions at which a uniform material and a texel are read
+    refine_ms: what reading a measured BRDF takes where it is checked, and looked at again if off
     """
 
     parameters: int
@@ -61,6 +62,7 @@ class Cost:
     train_iterations: int | None
     samples: int
     texel_samples: int
+    refine_ms: float | None = None
 
 
 @dataclass(frozen=True)

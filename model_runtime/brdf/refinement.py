@@ -1,0 +1,141 @@
+"""Parameters of measured BRDFs, whatever they mean, brought closer to what was measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..channels import ALPHA_MIN, KD, KS, WIDTH, optics
+from ..contract import Specular
+from ..states import joined
+from . import torrance_sparrow
+from .fit import fit_angles, fit_torrance_sparrow, relative_error
+from .views import Views, other_views, psnr_of, views
+
+__all__ = ("DOUBTFUL", "WELL_HELD", "Measurements", "SeenFit", "fit_seen")
+
+WELL_HELD = 45.0
+"""dB from which nothing is refined: hardly anybody sees what is still missing."""
+
+DOUBTFUL = 30.0
+"""dB below which the user is told what is missing."""
+
+_STEPS = 200
+_RELATIVE = 0.002  # of the loss: what no view shows
+_DARK = 0.01  # 1/sr; a near-black diffuse
+_LEAST = 0.02  # root of a reflectance, that descends away from 0
+
+Evaluate = Callable[[Tensor, Tensor], Tensor]
+"""(parameters [N, D], angles [M, 3]) -> f [N, M, 3]"""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What is read of N BRDFs: values at `views()`, and those at `other_views()`, that are held
+    back and only tell how much is missing. NaN and infinity mark what was not measured.
+    """
+
+    read: Tensor
+    held_back: Tensor
+
+    @classmethod
+    def of(cls, evaluate: Callable[[Tensor], Tensor]) -> Measurements:
+        """`evaluate`(angles [M, 3]) -> f [N, M, 3]"""
+        return cls(*(evaluate(each.angles) for each in (views(), other_views())))
+
+    def __getitem__(self, rows: Tensor) -> Measurements:
+        return Measurements(self.read[rows], self.held_back[rows])
+
+    def psnr(self, f: Tensor) -> Tensor:
+        """How near values `f` [N, M, 3] at `other_views()` look, in dB [N]."""
+        return psnr_of(*_shown(other_views(), self.held_back, f))
+
+    def descend(self, start: Tensor, evaluate: Evaluate, rate: float) -> Tensor:
+        """Parameters [N, D] that look nearer than `start` at `views()`, after a fixed number of
+        steps of at most `rate`; where there are none nearer, `start`.
+        """
+        with torch.inference_mode(False), torch.enable_grad():
+            truth, chosen = self.read.clone(), start.clone()
+            least = chosen.new_full((len(chosen),), math.inf)
+            moved = chosen.clone().requires_grad_()
+            optimizer = torch.optim.Adam([moved])
+            for step in range(_STEPS):
+                optimizer.param_groups[0]["lr"] = rate * (1 + math.cos(math.pi * step / _STEPS)) / 2
+                loss = _loss(truth, evaluate(moved, views().angles))
+                with torch.no_grad():
+                    nearer = loss < least
+                    least = torch.where(nearer, loss, least)
+                    chosen = torch.where(nearer[:, None], moved, chosen)
+                optimizer.zero_grad()
+                loss.sum().backward()
+                optimizer.step()
+            return chosen.detach()
+
+
+def _shown(seen_from: Views, truth: Tensor, estimate: Tensor) -> tuple[Tensor, Tensor]:
+    """Pixels [N, V, L, 3] of both, without what was not measured."""
+    known = truth.isfinite().all(-1, keepdim=True)
+    return tuple(seen_from.seen(torch.where(known, f, 0)) for f in (truth, estimate))  # pyright: ignore[reportReturnType]
+
+
+def _loss(truth: Tensor, estimate: Tensor) -> Tensor:
+    """[N]"""
+    shown, guessed = _shown(views(), truth, estimate)
+    known = truth.isfinite().all(-1, keepdim=True)
+    apart = torch.log1p(estimate / _DARK) - torch.log1p(truth.clamp_min(0) / _DARK)
+    apart = torch.where(known, apart, 0).square().mean((1, 2))
+    return (shown - guessed).square().flatten(1).mean(1) + _RELATIVE * apart
+
+
+@dataclass(frozen=True)
+class SeenFit:
+    """Torrance-Sparrow states [N, C] of N measured BRDFs; [N] each, the relative RMS `error` over
+    directions, and how near they look in `db`.
+    """
+
+    states: Tensor
+    error: Tensor
+    db: Tensor
+
+
+def fit_seen(evaluate: Callable[[Tensor], Tensor], specular: Specular = "rgb") -> SeenFit:
+    """The fit of N BRDFs `evaluate`(angles [M, 3]) -> f [N, M, 3] by least squares of the relative
+    error; where that misses what is seen, one that looks nearer.
+    """
+    measured, f = Measurements.of(evaluate), evaluate(fit_angles())
+    fit = fit_torrance_sparrow(f, specular=specular)
+    states, error, angles = fit.parameters(), fit.error, other_views().angles
+    db = measured.psnr(torrance_sparrow.evaluate(*optics(states), angles))
+    off = (db < WELL_HELD).nonzero()[:, 0]
+    if len(off):
+        some = measured[off]
+        found = some.descend(_rooted(states[off]), lambda x, a: _values(x, a, specular), 0.05)
+        refined = _states(found, specular)
+        nearer = some.psnr(torrance_sparrow.evaluate(*optics(refined), angles))
+        better = nearer > db[off]
+        rows = off[better]
+        states, error, db = states.clone(), error.clone(), db.clone()
+        states[rows], db[rows] = refined[better], nearer[better]
+        error[rows] = relative_error(f[rows], refined[better])
+    return SeenFit(states, error, db)
+
+
+def _rooted(states: Tensor) -> Tensor:
+    """Coordinates [N, C] without bounds: roots of reflectances, and alpha's logarithm."""
+    roots = states[:, : WIDTH - 1].sqrt().clamp_min(_LEAST)
+    return torch.cat((roots, states[:, WIDTH - 1 :].log()), 1)
+
+
+def _states(rooted: Tensor, specular: Specular) -> Tensor:
+    kd, ks = rooted[:, KD].square(), rooted[:, KS].square()
+    if specular == "mono":
+        ks = ks.mean(1, keepdim=True).expand_as(ks)
+    return joined(kd, ks, rooted[:, -1].clamp(math.log(ALPHA_MIN), 0).exp())
+
+
+def _values(rooted: Tensor, angles: Tensor, specular: Specular) -> Tensor:
+    return torrance_sparrow.evaluate(*optics(_states(rooted, specular)), angles)
