@@ -24,7 +24,7 @@ WELL_HELD = 45.0
 DOUBTFUL = 30.0
 """dB below which the user is told what is missing."""
 
-_STEPS = 200
+_STEPS = 150
 _RELATIVE = 0.002  # of the loss: what no view shows
 _DARK = 0.01  # 1/sr; a near-black diffuse
 _LEAST = 0.02  # root of a reflectance, that descends away from 0

@@ -100,7 +100,7 @@ def _lamps(light: Tensor, count: int, start: float) -> Tensor:
 @cache
 def views() -> Views:
     """Those that are read where something is fitted."""
-    return _kept(10, 200, 40, 0.5)
+    return _kept(8, 128, 32, 0.5)
 
 
 @cache
