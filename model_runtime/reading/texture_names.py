@@ -16,7 +16,7 @@ from pathlib import Path
 from ..errors import InputError, shown
 from ..images import EXTENSIONS
 
-__all__ = ("choose_maps",)
+__all__ = ("choose_maps", "choose_relief", "points_down")
 
 _TAGS = {
     "base_color": (
@@ -33,8 +33,13 @@ _TAGS = {
 }
 """The words for each map, the most telling first."""
 
+_RELIEF = {
+    "height": ("displacement", "disp", "height", "bump"),
+    "normal": ("normal", "norm", "nor", "nrm"),
+}
+"""Maps of shape, which ageing does not need and learning does."""
+
 _IGNORED = (
-    *("normal", "norm", "nor", "nrm", "displacement", "disp", "height", "bump"),
     *("ao", "ambientocclusion", "occlusion", "opacity"),
     *("emission", "emissive", "emissioncolor", "emissivecolor", "specularcolor", "coatcolor"),
     *("coatroughness", "clearcoatroughness", "sheencolor", "sheenroughness", "subsurfacecolor"),
@@ -42,8 +47,9 @@ _IGNORED = (
 )
 """Maps that are not read, and pictures of the material."""
 
-_MAP_OF_TAG = {tag: name for name, tags in _TAGS.items() for tag in tags} | dict.fromkeys(_IGNORED)
-_RANK_OF_TAG = {tag: rank for tags in _TAGS.values() for rank, tag in enumerate(tags)}
+_READ = _TAGS | _RELIEF
+_MAP_OF_TAG = {tag: name for name, tags in _READ.items() for tag in tags} | dict.fromkeys(_IGNORED)
+_RANK_OF_TAG = {tag: rank for tags in _READ.values() for rank, tag in enumerate(tags)}
 _LONGEST_TAG = 3
 _EVERYDAY = 6
 """Tags shorter than this are everyday words too (rough, metal, color): they count only at the end
@@ -54,6 +60,7 @@ _RESOLUTION = re.compile(r"(?<![a-z0-9])(\d{1,2}k|\d{3,5}(px)?)(?![a-z0-9])", re
 _NOT_A_NAME = re.compile(
     r"(?<![a-z0-9])(jpe?g|png|tiff?|exr|gl|dx|map|s?rgb|raw|linear)(?![a-z0-9])", re.IGNORECASE
 )
+_DOWNWARD = re.compile(r"(?<![A-Za-z])(dx|DX)(?![a-z])|(?<=[a-z])DX(?![a-z])")
 _HINT = "Name the maps like wood_BaseColor.jpg and wood_Roughness.jpg."
 
 
@@ -79,7 +86,7 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
     found: dict[str, list[_Candidate]] = defaultdict(list)
     for name in names:
         candidate = _read_name(name)
-        if candidate:
+        if candidate and candidate.map not in _RELIEF:
             found[candidate.map].append(candidate)
     if not found["base_color"]:
         raise InputError(f"{shown(folder)} holds no base color map.", _HINT)
@@ -106,6 +113,26 @@ def choose_maps(folder: Path, names: Sequence[str]) -> dict[str, str]:
     if "metallic" in chosen and ("roughness" in chosen or "gloss" in chosen):
         chosen.pop("packed", None)
     return chosen
+
+
+def choose_relief(names: Sequence[str]) -> dict[str, str]:
+    """File name of the `height` and the `normal` map among the file `names` of a folder, where
+    there are any; normals that point up (GL) go before those that point down (DX).
+    """
+    found: dict[str, list[_Candidate]] = defaultdict(list)
+    for name in names:
+        candidate = _read_name(name)
+        if candidate and candidate.map in _RELIEF:
+            found[candidate.map].append(candidate)
+    return {
+        name: min(some, key=lambda each: (points_down(each.file), each.order)).file
+        for name, some in found.items()
+    }
+
+
+def points_down(name: str) -> bool:
+    """Whether the normal map `name` says that its green grows downwards, as DirectX has it."""
+    return _DOWNWARD.search(Path(name).stem) is not None
 
 
 def _named(material: str) -> str:

@@ -4,6 +4,8 @@ Three kinds of folder hold one, and are told apart by what is in them:
 
 - *frames*: `kd_0001.exr ks_0001.exr alpha_0001.exr ...`, Torrance-Sparrow maps at uniform times
   (or at the `times` of a `sequence.json`), with an optional `onset.exr` and, in the json, `timing`;
+  also `height_0001.exr ...`, and `grain_kd.exr grain_ks.exr grain_alpha.exr grain_height.exr`, the
+  residues of fully weathered texels (that of alpha is of its square root);
 - *polynomials*: `Diffuse-0.exr .. Diffuse-3.exr`, `Specular-*`, `Roughness-*`, coefficients of
   p(t) = c0 + c1 t + c2 t^2 + c3 t^3 per texel (the STAF database's form);
 - *mixtures*: `mixture.json`, `{"materials": [first, second]}`, naming two measured BRDFs, and
@@ -13,6 +15,7 @@ Three kinds of folder hold one, and are told apart by what is in them:
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +47,7 @@ MOST_TEXELS = 1 << 28
 
 _LARGEST_JSON = 1 << 20
 _MAPS = ("kd", "ks", "alpha")
+_RESIDUES = ("kd", "ks", "alpha", "height")
 _POLYNOMIALS = {"kd": "Diffuse", "ks": "Specular", "alpha": "Roughness"}
 
 
@@ -57,6 +61,14 @@ class Sequence:
     needs to know, where the sequence brings that with it: one whose texels were started early, so
     that their histories are seen to the end, does not show it. `warnings` are sentences about what
     cannot be learned from it for sure (`training.source.steadiness`). Arrays are float32.
+
+    height: [T, H, W] relief, 0 in the first frame, in sides of the residue's tile (of the map, where
+        there is no residue); None where nothing is known of it
+    residue: [S, S, 8] what fully weathered texels have beyond their mean, in kd, ks, r =
+        sqrt(alpha) and height, as a tile that wraps and covers `share` of a material's side
+    strength: [T] how much of it shows at each age, 0 at first; None: as much as is lost of what
+        texels began with
+    sources: works of others that it was made from: name, license, credit
     """
 
     kd: Array
@@ -67,9 +79,15 @@ class Sequence:
     name: str
     timing: Timing | None = None
     warnings: tuple[str, ...] = ()
+    height: Array | None = None
+    residue: Array | None = None
+    strength: Array | None = None
+    share: float = 1.0
+    sources: tuple[Mapping[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         frames, height, width = self.alpha.shape
+        assert self.height is None or self.height.shape == self.alpha.shape, self.height.shape
         assert self.kd.shape == self.ks.shape == (frames, height, width, 3), self.kd.shape
         assert self.times.shape == (frames,), self.times.shape
         assert self.onset is None or self.onset.shape == (height, width), self.onset.shape
@@ -193,7 +211,15 @@ def _read_frames(folder: _Folder, crop: Crop | None) -> Sequence:
     maps = {name: _stack(folder, _numbered(name, frames), frames, crop) for name in _MAPS}
     given = "onset.exr" in folder.names
     onset = _stack(folder, ["onset.exr"], 1, crop)[0, ..., 0] if given else None
-    return replace(_sequence(folder, maps, _times(folder, frames), onset), timing=_timing(folder))
+    sequence = _sequence(folder, maps, _times(folder, frames), onset)
+    raised = "height_0001.exr" in folder.names
+    height = _stack(folder, _numbered("height", frames), frames, crop) if raised else None
+    return replace(
+        sequence,
+        timing=_timing(folder),
+        height=None if height is None else height[..., 0],
+        **_grain(folder, frames),
+    )
 
 
 def _read_polynomials(folder: _Folder, frames: int, crop: Crop | None) -> Sequence:
@@ -298,6 +324,31 @@ def _timing(folder: _Folder) -> Timing | None:
             f"The sequence.json of {folder} describes no timing ({reason(error)}).",
             "Leave its timing out, and it is measured from onset.exr or from the frames.",
         ) from error
+
+
+def _grain(folder: _Folder, frames: int) -> dict[str, Any]:
+    """The fields of a sequence that tell of its grain, and its sources."""
+    described = folder.json("sequence.json") if "sequence.json" in folder.names else {}
+    found: dict[str, Any] = {"sources": tuple(described.get("sources", ()))}
+    names = [f"grain_{name}.exr" for name in _RESIDUES]
+    if names[0] not in folder.names:
+        return found
+    kd, ks, rough, height = (_stack(folder, [name], 1, None)[0] for name in names)
+    if len({each.shape for each in (kd, ks, rough, height)}) > 1 or len(kd) != kd.shape[1]:
+        raise InputError(f"The grain in {folder} is no square.", "Write its maps in one size.")
+    found["residue"] = np.concatenate((kd, ks, rough[..., :1], height[..., :1]), -1)
+    try:
+        grain = described["grain"]
+        share = float(grain["share"])
+        strength = np.asarray(grain["strength"], np.float32) if "strength" in grain else None
+        if not 0 < share <= 1 or (strength is not None and strength.shape != (frames,)):
+            raise ValueError("a share or strengths of other frames")
+    except _NOT_JSON as error:
+        raise InputError(
+            f"The sequence.json of {folder} does not describe its grain ({reason(error)}).",
+            'It should read "grain": {"share": 0.5}: how much of a material\'s side it covers.',
+        ) from error
+    return {**found, "share": share, "strength": strength}
 
 
 def _stack(folder: _Folder, files: list[str], frames: int, crop: Crop | None) -> Array:

@@ -13,16 +13,13 @@ that of the process's own maps.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model_runtime.atomic import replaced
 from model_runtime.channels import ALPHA, KD, KS
-from model_runtime.errors import InputError, OutputError, reason, shown
-from model_runtime.images import write_exr
+from model_runtime.errors import InputError
 from model_runtime.model_files.card import MOST_AGES
 from model_runtime.temporal.onset import fractal_noise, onset_map, rate_map
 from model_runtime.temporal.pace import Timing
@@ -30,6 +27,7 @@ from model_runtime.temporal.pace import Timing
 from .kinetics import PROCESSES, history
 from .sequences import MOST_TEXELS, Sequence, uniform_times
 from .weathering_materials import draw
+from .writing import write_sequence
 
 __all__ = ("generate", "initial_values", "write")
 
@@ -81,53 +79,13 @@ def write(
     and how it was made). Raises `InputError` as `generate` does, `OutputError` where the folder
     cannot be written or holds frames that were not written so.
     """
-    earlier = _earlier_frames(folder)
     sequence = generate(process, size=size, frames=frames, seed=seed)
-    assert sequence.onset is not None and sequence.timing is not None
     made = {
         "process": process, "size": size, "frames": frames, "seed": seed,
         "source": _SOURCE, "license": "GPL-3.0-or-later",
-        "times": [float(time) for time in sequence.times], "timing": sequence.timing.json(),
     }  # fmt: skip
-    try:
-        for file in earlier:
-            file.unlink()
-        for name in ("kd", "ks", "alpha"):
-            for k, pixels in enumerate(getattr(sequence, name), start=1):
-                write_exr(folder / f"{name}_{k:04d}.exr", pixels)
-        write_exr(folder / "onset.exr", sequence.onset)
-        with replaced(folder / "sequence.json") as file:
-            file.write_text(json.dumps(made, indent=1), encoding="utf-8")
-    except OSError as error:
-        raise _unwritable(folder, error) from error
+    write_sequence(sequence, folder, made)
     return sequence
-
-
-def _earlier_frames(folder: Path) -> list[Path]:
-    """Frames that an earlier `write` left in `folder`, which is made where there is none.
-
-    Raises OutputError where it cannot be, or where the frames are somebody else's.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        found = [file for name in ("kd", "ks", "alpha") for file in folder.glob(f"{name}_*.exr")]
-        described = folder / "sequence.json"
-        ours = described.is_file() and _SOURCE in described.read_text(errors="replace")
-    except OSError as error:
-        raise _unwritable(folder, error) from error
-    if found and not ours:
-        raise OutputError(
-            f"{shown(folder)} holds frames that this command has not written.",
-            "Choose another folder.",
-        )
-    return found
-
-
-def _unwritable(folder: Path, error: OSError) -> OutputError:
-    return OutputError(
-        f"The sequence cannot be written to {shown(folder)} ({reason(error)}).",
-        "Choose a folder that can be written.",
-    )
 
 
 def initial_values(process: str, *, size: int, rng: Rng) -> tuple[Array, Array, Array]:

@@ -32,6 +32,7 @@ _COUNTS = 1.4
 _BLACK = 1e-6
 _STANDS_OUT = (3.0, 0.05)
 _MOST_DROPPED = 0.1
+_BY_FRAME = ("kd", "ks", "alpha", "times", "height", "strength")
 
 
 def steadied(sequence: Sequence | MixtureSequence) -> Sequence | MixtureSequence:
@@ -47,8 +48,10 @@ def steadied(sequence: Sequence | MixtureSequence) -> Sequence | MixtureSequence
         numbers = ", ".join(str(frame + 1) for frame in dropped)
         warnings.append(f"Frame {numbers} stood out from those around and was left out.")
         kept = np.setdiff1d(np.arange(len(sequence.times)), dropped)
-        parts = {name: getattr(sequence, name)[kept] for name in ("kd", "ks", "alpha", "times")}
-        sequence = replace(sequence, **parts)
+        parts = {name: getattr(sequence, name) for name in _BY_FRAME}
+        sequence = replace(
+            sequence, **{name: part[kept] for name, part in parts.items() if part is not None}
+        )
     frames = len(sequence.times)
     if frames < _FEWEST_FRAMES:
         warnings.append(f"There were only {frames} frames: what happens between them is a guess.")

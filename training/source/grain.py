@@ -1,0 +1,81 @@
+"""Grain from an example: what a source's weathered texels have beyond their mean, as components.
+
+A residue [S, S, 8] is decorrelated in steps that look about alike, its three strongest components
+are brought to a Gaussian histogram by their ranks (so that patches of them can be blended), and a
+table each leads back. What a component adds to a texel grows with its age as the source's texels
+come to differ.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from model_runtime.temporal.grain import COMPONENTS, Grain
+
+__all__ = ("grain_of",)
+
+Array = NDArray[np.float32]
+
+_LEVELS = 256
+_GAUSSIAN = 4.0
+_DARKEST = 0.004  # reflectance from which on the eye's steps are counted
+_HEIGHT = 0.5  # how much the relief counts among what is seen
+_BEYOND = 0.001  # share of texels at each end of a channel that count as the last before them
+_FINE = 4096
+
+
+def grain_of(residue: Array, mean: Array, strength: Array, share: float) -> Grain:
+    """The grain of `residue` [S, S, 8] (of kd, ks, r and height) around a `mean` [7] of kd, ks and
+    r. `strength` [T], 0 at first, says how much of it shows at each age; a tile of it covers
+    `share` of a material's side.
+    """
+    side = len(residue)
+    flat = residue.reshape(-1, residue.shape[-1]).astype(np.float64)
+    flat = flat.clip(*np.quantile(flat, (_BEYOND, 1 - _BEYOND), 0))
+    flat -= flat.mean(0)
+    weight = _weights(flat, mean)
+    values, axes = np.linalg.eigh(np.cov((flat * weight).T))
+    axes = axes[:, ::-1][:, :COMPONENTS]
+    deviation = np.sqrt(np.maximum(values[::-1][:COMPONENTS], 0))
+    tile, table = zip(*map(_gaussian, ((flat * weight) @ axes).T), strict=True)
+    shapes = (deviation * axes).T / weight  # [3, 8]
+    return Grain(
+        np.stack(tile).reshape(COMPONENTS, side, side),
+        np.stack(table),
+        (strength[:, None, None] * shapes).astype(np.float32),
+        share,
+    )
+
+
+def _weights(flat: NDArray[np.float64], mean: Array) -> NDArray[np.float64]:
+    """What a step of each channel [8] looks like: square roots of reflectances, r as it is, and
+    height so that it counts half as much as all else.
+    """
+    weight = np.ones(flat.shape[1])
+    weight[:6] = 0.5 / np.sqrt(np.maximum(mean[:6], _DARKEST))
+    looks = np.sqrt(np.square(flat[:, :7] * weight[:7]).sum(1).mean())
+    weight[7] = _HEIGHT * looks / max(float(flat[:, 7].std()), 1e-9)
+    return weight
+
+
+def _gaussian(values: NDArray[np.float64]) -> tuple[NDArray[np.uint8], Array]:
+    """Values [n] as bytes of a Gaussian histogram, and the table [256] that leads back, of zero
+    mean and unit variance. Values that are all alike have a table of zeros.
+    """
+    order = np.argsort(values, kind="stable")
+    shares = np.empty(len(values))
+    shares[order] = (np.arange(len(values)) + 0.5) / len(values)
+    fine = np.linspace(-_GAUSSIAN, _GAUSSIAN, _FINE)
+    below = np.array([0.5 * math.erfc(-g / math.sqrt(2)) for g in fine])
+    gaussian = np.interp(shares, below, fine)
+    stored = np.rint((gaussian / _GAUSSIAN + 1) / 2 * 255).astype(np.uint8)
+    levels = np.linspace(-_GAUSSIAN, _GAUSSIAN, _LEVELS)
+    places = (np.arange(len(values)) + 0.5) / len(values)
+    table = np.interp(np.interp(levels, fine, below), places, values[order])
+    found = table[stored]
+    deviation = float(found.std())
+    table = (table - found.mean()) / deviation if deviation > 1e-12 else np.zeros(_LEVELS)
+    return stored, np.maximum.accumulate(table).astype(np.float32)

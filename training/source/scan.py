@@ -1,0 +1,136 @@
+"""What a partly weathered material shows of how it weathers: `python -m training scan`.
+
+What is clean and what is weathered is told apart (or a mask says it), the signed distance from the
+border is the age, and a texel's past is what lies nearer to the border, plus what sets it apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .change import Change
+from .curves import FARTHEST, Curves, curves_by_distance
+from .distance import signed_distance, smoothed
+from .onsets import correlation_length
+from .quilting import quilted
+from .scan_maps import HEIGHT, ScanMaps, read_scan
+from .two_states import TwoStates, masked, two_states
+
+__all__ = ("AGES", "Scan", "change_of", "read_states")
+
+Array = NDArray[np.float32]
+
+AGES = 48
+"""Ages that a scan's history is told at: enough for a lip of lifted paint."""
+
+_TILE = 512  # texels a side of a residue's tile, at the scan's own resolution
+_DEEP = (0.93, 1.6)  # share of the way, and texels from the border: weathered for good
+_SHALLOW = 0.6  # share likewise, where little is deeper
+_LEAST_DEEP = 2_000  # texels
+_FORM = 16.0  # texels; a residue's height holds no larger waves
+_STRONGEST = 1.25
+_MOST_STARTS = 50_000
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A scan whose two states are known: its `distance` [H, W] from the border in texels, above 0
+    where it is weathered, and the `curves` that lead from one to the other.
+    """
+
+    maps: ScanMaps
+    states: TwoStates
+    distance: Array
+    scale: float
+    curves: Curves
+
+
+def read_states(
+    source: Path | ScanMaps, *, mask: Path | None = None, process: str = ""
+) -> Scan:
+    """The scan in `source` (see `read_scan`), what of it is weathered, and its curves.
+
+    Raises InputError where it cannot be read or shows no two states.
+    """
+    maps = source if isinstance(source, ScanMaps) else read_scan(source)
+    states = two_states(maps, process) if mask is None else masked(maps, mask)
+    distance = signed_distance(states.weathered, maps.wraps, most=FARTHEST)
+    scale = correlation_length(distance) or 1.0
+    return Scan(maps, states, distance, scale, curves_by_distance(maps.values, distance, scale=scale))
+
+
+def change_of(
+    scan: Scan, *, seed: int = 0, step: Callable[[float], None] = lambda fraction: None
+) -> Change:
+    """What `scan` shows: the mean history, how texels differ, and a tile of what the weathered ones
+    have beyond their mean. `step` hears which share of the work is done.
+    """
+    curves, maps = scan.curves, scan.maps
+    side = min(_TILE, max(maps.size))
+    distance = curves.distance_at(np.linspace(0, 1, AGES, dtype=np.float32))
+    gone = curves.share_at(distance)
+    gone = (gone - gone[0]) / max(float(gone[-1] - gone[0]), 1e-6)
+    mean = curves.mean_at(distance)
+    # at both ends what is farthest away, where there are the most texels
+    mean += (1 - gone[:, None]) * (curves.clean - mean[0]) + gone[:, None] * (
+        curves.weathered - mean[-1]
+    )
+    mean[:, HEIGHT] -= mean[0, HEIGHT]
+    mean[:, HEIGHT] /= side
+    residue = _residue(scan, side, seed)
+    step(1.0)
+    clean = maps.values[scan.distance < min(curves.first, -1.0)]
+    if len(clean) == 0:
+        clean = maps.values[~scan.states.weathered]
+    return Change(
+        mean,
+        gone,
+        _strength(curves, distance, gone),
+        clean[:: max(1, len(clean) // _MOST_STARTS), :HEIGHT].copy(),
+        residue,
+        share=side / max(maps.size),
+        has_height=maps.has_height,
+        scale=scan.scale,
+        name=maps.name,
+        told=(*maps.told, scan.states.told),
+    )
+
+
+def _residue(scan: Scan, side: int, seed: int) -> Array:
+    """A tile [side, side, 8] of what weathered texels have beyond the mean at their distance."""
+    curves, maps = scan.curves, scan.maps
+    residue = maps.values - curves.mean_at(scan.distance)
+    residue[..., HEIGHT] -= smoothed(residue[..., HEIGHT], _FORM, maps.wraps)
+    share, depth = _DEEP
+    gone = curves.share_at(scan.distance)
+    deep = (gone > share) & (scan.distance > depth)
+    if deep.sum() < _LEAST_DEEP:
+        deep = (gone > _SHALLOW) & (scan.distance > 0)
+    tile = quilted(residue, deep, maps.wraps, side, seed)
+    tile -= tile.mean((0, 1))
+    tile[..., HEIGHT] /= side
+    return tile
+
+
+def _strength(curves: Curves, distance: Array, gone: Array) -> Array:
+    """How much texels at `distance` [T] differ beyond what is left of what they were, in units of
+    what weathered ones differ by; none where nothing is `gone`.
+    """
+    weight = 0.5 / np.sqrt(np.maximum(curves.weathered[:6], 0.004))
+
+    def variance(spread: Array) -> Array:
+        return np.square(spread[..., :6] * weight).sum(-1) + np.square(spread[..., 6])
+
+    clean, weathered = (
+        variance(curves.spread_at(np.float32(far))) for far in (curves.first, curves.last)
+    )
+    more = variance(curves.spread_at(distance)) - np.square(1 - gone) * clean
+    strength = np.sqrt(np.maximum(more, 0) / np.maximum(weathered, 1e-9)).clip(0, _STRONGEST)
+    return (np.minimum(strength, _STRONGEST * np.sqrt(gone)) * (gone > 0)).astype(np.float32)
+
+
