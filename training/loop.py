@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from model_runtime.atomic import check_writable
 from model_runtime.errors import OutputError, reason, shown
@@ -20,9 +19,11 @@ from .checkpoint import load_checkpoint, save_checkpoint
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
+    from tqdm import tqdm
 
 __all__ = ("Run", "Schedule", "Training", "adam", "optimize", "remove_checkpoints", "train")
 
+_WATCHED = 5  # iterations from one report to who watches to the next
 _LOGGED = 50  # iterations from one logged loss to the next
 _TRIALS = (3, 30)  # at least and at most, to measure the speed
 _TRIED = 1.0  # seconds after which no more are needed
@@ -84,7 +85,8 @@ class Run:
     """Where a training leaves its checkpoint (`base` with `name` added, which tells the parts of a
     model apart) and, unless None, its TensorBoard logs; whether it goes on from that checkpoint;
     how many minutes of a core it may take (None: as many as its iterations do); from which seed;
-    how many seconds it may lose when it is killed.
+    how many seconds it may lose when it is killed; who hears how far each part is, by its name and
+    a share from 0 to 1, and may end it by raising (None: a bar on stderr tells).
     """
 
     base: Path
@@ -94,6 +96,7 @@ class Run:
     seed: int = 0
     name: str = ""
     save_every: float = 60.0
+    watch: Callable[[str, float], None] | None = None
 
     def part(self, name: str) -> Run:
         """The run of a part of the model."""
@@ -160,12 +163,16 @@ def train(training: Training, run: Run) -> dict[str, Any]:
         record["iterations"] = _iterations_in(run.minutes, training, optimizer)
     total, begun = record["iterations"], time.process_time() - record["seconds"]
     saved = time.monotonic()
-    bar = tqdm(range(record["step"], total), initial=record["step"], total=total)
+    steps = range(record["step"], total)
+    bar = _bar(steps, total) if run.watch is None else None
 
     def after(step: int, value: Tensor) -> None:
         nonlocal begun, saved
+        if run.watch is not None and step % _WATCHED == 0:
+            run.watch(run.name, step / total)
         if step % _LOGGED == 0:
-            bar.set_postfix_str(f"{run.name} loss {value.item():.5f}".strip(), refresh=False)
+            if bar is not None:
+                bar.set_postfix_str(f"{run.name} loss {value.item():.5f}".strip(), refresh=False)
             if log is not None:
                 log.add_scalar("loss", value.item(), step)
         looked, due = (at * training.looks // total for at in (step, step + 1))
@@ -182,8 +189,8 @@ def train(training: Training, run: Run) -> dict[str, Any]:
             record.update(step=step + 1, seconds=time.process_time() - begun)
             save_checkpoint(run.checkpoint, record=record, **state)
 
-    clip = training.clip
-    optimize(training.loss, optimizer, training.schedule, bar, total, clip=clip, after=after)
+    clip, taken = training.clip, bar or steps
+    optimize(training.loss, optimizer, training.schedule, taken, total, clip=clip, after=after)
     return record
 
 
@@ -199,6 +206,13 @@ def _iterations_in(minutes: float, training: Training, optimizer: torch.optim.Op
     optimizer.zero_grad()
     training.generator.set_state(drawn)
     return max(1, int(_USABLE * minutes * 60 * trials / spent))
+
+
+def _bar(steps: range, total: int) -> tqdm[int]:
+    """A bar on stderr that shows how far `steps` of `total` are."""
+    from tqdm import tqdm  # what learns inside Blender has none
+
+    return tqdm(steps, initial=steps.start, total=total)
 
 
 def _open_log(folder: Path) -> SummaryWriter:

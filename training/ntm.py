@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -25,14 +25,23 @@ from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
-from .data.sequences import read_sequence
+from .data.sequences import MixtureSequence, Sequence, read_sequence
 from .ladder import Split, choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
 from .loop import Run, Schedule, Training, remove_checkpoints, train
+from .source.grain import grain_of_sequence, height_of
 from .source.histories import SourceHistories, source_histories
 from .source.onsets import timed
 from .source.steadiness import steadied
 
-__all__ = ("PARTS", "NTMConfig", "train_ladder", "train_lstm", "train_ntm")
+__all__ = (
+    "PARTS",
+    "NTMConfig",
+    "check_texts",
+    "train_ladder",
+    "train_lstm",
+    "train_ntm",
+    "write_ntm",
+)
 
 Model = ParameterLSTM | LatentLSTM
 Kind = Literal["parameters", "latents"]
@@ -77,46 +86,80 @@ def train_ntm(
     The file takes the place of an earlier one only when it can be loaded again.
     """
     check_writable(output)
+    check_texts(card)
+    command = (
+        f"python -m training ntm --sequence {shown(sequence)} --encoder {shown(encoder.name)} "
+        f"--output {shown(output.name)} --name {card['name']} --seed {seed}"
+        + (f" --minutes {minutes:g}" if minutes is not None else "")
+    )
+    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
+    learned = timed(steadied(read_sequence(sequence, clamp=False)), seed=seed)
+    found = write_ntm(learned, encoder, {**card}, command, config, run)
+    print(f"{output}: {found['temporal_model']}; dB of what was held out:")
+    for rung, scores in found["ladder"].items():
+        print(f"  {rung}: " + ", ".join(f"{name} {psnr:.1f}" for name, psnr in scores.items()))
+    for warning in found["warnings"]:
+        print(f"Warning: {warning}")
+    return output
+
+
+def check_texts(card: Mapping[str, str]) -> None:
+    """Raises UsageError where a model's `card` cannot have these texts."""
     try:
         check_card("ntm", {**card, "temporal_model": LADDER[0]})
     except ValueError as error:
         raise UsageError(f"Of the model {reason(error)}.", "Give plain texts.") from error
+
+
+def write_ntm(
+    sequence: Sequence | MixtureSequence,
+    encoder: Path,
+    card: Mapping[str, Any],
+    command: str,
+    config: NTMConfig,
+    run: Run,
+) -> dict[str, Any]:
+    """Train every rung of the ladder on `sequence`, whose timing is known, and write the NTM, with
+    the sequence's grain and height, where `run` says; the card that it has.
+
+    `card` is what is known of it before: name, title, description, process, source, license.
+    """
     representation, identity = load_representation(encoder)
-    learned = timed(steadied(read_sequence(sequence, clamp=False)), seed=seed)
-    source = source_histories(learned, representation, seed=seed)
-    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
+    source = source_histories(sequence, representation, seed=run.seed)
     ntm = train_ladder(source, representation, config, run)
     found = ntm.card.details
+    if isinstance(sequence, Sequence):
+        ntm = replace(ntm, grain=grain_of_sequence(sequence), height=height_of(sequence))
+        found = {**found, **_told_of(ntm, sequence)}
     details: dict[str, Any] = {
         **card,
         "source": ". ".join(
-            filter(None, (card["source"], f"Encoder: {read_card(encoder).source}"))
+            filter(None, (card.get("source", ""), f"Encoder: {read_card(encoder).source}"))
         ),
         "frames": ntm.frames,
         "representation": identity,
         **found,
-        "trained": {
-            "command": f"python -m training ntm --sequence {shown(sequence)} "
-            f"--encoder {shown(encoder.name)} --output {shown(output.name)} "
-            f"--name {card['name']} --seed {seed}"
-            + (f" --minutes {minutes:g}" if minutes is not None else ""),
-            **found["trained"],
-        },
+        "trained": {"command": command, **found["trained"]},
     }
     save_model(
-        output,
+        run.base,
         ntm.tensors(),
         details,
         kind="ntm",
         check=lambda file: NeuralTemporalModel.load(file, identity),
     )
     remove_checkpoints(run, PARTS)
-    print(f"{output}: {ntm.chosen}; dB of what was held out:")
-    for rung, scores in found["ladder"].items():
-        print(f"  {rung}: " + ", ".join(f"{name} {psnr:.1f}" for name, psnr in scores.items()))
-    for warning in ntm.warnings:
-        print(f"Warning: {warning}")
-    return output
+    return details
+
+
+def _told_of(ntm: NeuralTemporalModel, sequence: Sequence) -> dict[str, Any]:
+    """What the card says of grain and of whose work the sequence was made from."""
+    told: dict[str, Any] = {}
+    if ntm.grain is not None:
+        told["grain"] = {"share": round(ntm.grain.share, 4)}
+    if sequence.sources:
+        told["sources"] = [dict(source) for source in sequence.sources]
+    return told
 
 
 def train_ladder(
@@ -174,7 +217,7 @@ def _cross_validate(
     ranges: Mapping[str, Split],
     representation: Representation,
     config: NTMConfig,
-    records: Sequence[Mapping[str, Any]],
+    records: tuple[Mapping[str, Any], ...],
     run: Run,
 ) -> float:
     """Add the scores of what is held out in `ranges` to `scores`; returns the seconds of a core
@@ -190,14 +233,14 @@ def _cross_validate(
             scores[rung][name] = score(rung, folds[name], part.test, representation)
     if any(suffices(scores[rung], config.sufficient) for rung in cheap):
         return 0.0
-    short = [
+    short = tuple(
         replace(
             config,
             iterations=max(1, round(record["iterations"] * config.fold_share)),
             warm_up=max(1, round(config.warm_up * config.fold_share)),
         )
         for record in records
-    ]
+    )
     seconds = 0.0
     for name, part in ranges.items():
         fold = replace(run, minutes=None).part(name)
@@ -219,7 +262,7 @@ def _doubts(psnr: float) -> list[str]:
 def _train_both(
     source: SourceHistories,
     representation: Representation,
-    configs: Sequence[NTMConfig],
+    configs: tuple[NTMConfig, ...],
     run: Run,
 ) -> tuple[tuple[ParameterLSTM, LatentLSTM], tuple[dict[str, Any], dict[str, Any]]]:
     """The LSTMs on parameters and on latents, trained by one of `configs` each; their records."""

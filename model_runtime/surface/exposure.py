@@ -112,6 +112,12 @@ _PROCESSES = {
     "drying": {"edges": 0.6, "crevices": -0.7, "sky": 0.3, "ground": -0.4, "pattern": 0.6},
     # Light and air yellow what they reach.
     "yellowing": {"sky": 0.8, "crevices": -0.3, "pattern": 0.6},
+    # Paint is thin at edges and cracks there first; where water stands behind it, it is pushed off.
+    "peeling_metal": {"edges": 0.6, "crevices": 0.4, "ground": 0.2, "sky": 0.2},
+    # On wood end grain and joints drink, and the sun opens what looks up.
+    "peeling_wood": {"edges": 0.5, "crevices": 0.4, "sky": 0.4, "ground": 0.3},
+    # Light breaks lignin down and rain washes it out: what the sky sees turns grey.
+    "weathered_wood": {"sky": 0.8, "crevices": -0.4, "edges": 0.2, "pattern": 0.7},
 }
 _UNKNOWN = {"edges": 0.3, "crevices": 0.3}
 

@@ -18,6 +18,8 @@ _EVERYWHERE = ((0.0, 0.005), (1.0, 0.12))  # nearly at once: a slight gradient
 _SETTLING = ((0.0, 0.01), (0.85, 0.45), (1.0, 0.7))  # all over, sheltered places last
 _EVAPORATING = ((0.0, 0.02), (0.06, 0.04), (0.30, 0.12), (0.95, 0.62), (1.0, 0.72))  # to the end
 
+_FLAKING = ((0.0, 0.02), (0.1, 0.10), (1.0, 0.93))  # chip by chip: a break takes no time
+
 _ZOOM = (1 / 8, 4.0)  # smaller spots are lost on the grid, larger ones do not fit the tile
 
 
@@ -123,6 +125,25 @@ _PROCESSES = {
         nuclei=45, clusters=(3, 3), cluster_delay=0.35, birth_spread=0.2,
         across=1.0, down=1.0, up=1.0, unevenness=0.6, grain=(10, 10), raggedness=0.05, gain=0.8,
         mottling=0.35, scale=0.185,
+    ),
+    # Paint lifts and chips off from scratches and blisters: few sites, as fast to all sides, along
+    # a border that breaks as it likes, to single chips.
+    "peeling_metal": Growth(
+        nuclei=60, clusters=(3, 3), cluster_delay=0.5, birth_spread=0.3,
+        across=1.0, down=1.1, up=0.9, unevenness=0.9, grain=(12, 12), raggedness=0.06, gain=0.74,
+        mottling=0.2, scale=0.12, pace=_FLAKING,
+    ),
+    # On wood it goes along the fibers, which lie across: four times as fast, in slivers.
+    "peeling_wood": Growth(
+        nuclei=160, clusters=(6, 2), cluster_delay=0.4, birth_spread=0.3,
+        across=2.0, down=0.5, up=0.5, unevenness=0.9, grain=(28, 6), raggedness=0.09, gain=0.76,
+        mottling=0.2, scale=0.076, pace=_FLAKING,
+    ),
+    # Sun and rain grey a board as a whole, board by board and along the fibers.
+    "weathered_wood": Growth(
+        nuclei=40, clusters=(6, 1), cluster_delay=0.5, birth_spread=0.3,
+        across=2.0, down=0.6, up=0.6, unevenness=0.7, grain=(20, 4), raggedness=0.15, gain=0.72,
+        mottling=0.4, scale=0.085, pace=_SETTLING,
     ),
 }  # fmt: skip
 # Any other process, of which nothing is known: round spots, middling in everything.

@@ -62,8 +62,8 @@ class Sequence:
     that their histories are seen to the end, does not show it. `warnings` are sentences about what
     cannot be learned from it for sure (`training.source.steadiness`). Arrays are float32.
 
-    height: [T, H, W] relief, 0 in the first frame, in sides of the residue's tile (of the map, where
-        there is no residue); None where nothing is known of it
+    height: [T, H, W] relief, 0 in the first frame, in sides of the residue's tile (or of the map,
+        where there is no residue); None where nothing is known of it
     residue: [S, S, 8] what fully weathered texels have beyond their mean, in kd, ks, r =
         sqrt(alpha) and height, as a tile that wraps and covers `share` of a material's side
     strength: [T] how much of it shows at each age, 0 at first; None: as much as is lost of what

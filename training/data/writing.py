@@ -43,9 +43,10 @@ def write_sequence(sequence: Sequence, folder: Path, made: Mapping[str, Any]) ->
         maps["height"] = sequence.height
     alone = {"onset": sequence.onset}
     if sequence.residue is not None:
-        described["grain"] = {"share": sequence.share}
+        grain: dict[str, Any] = {"share": sequence.share}
         if sequence.strength is not None:
-            described["grain"]["strength"] = [float(each) for each in sequence.strength]
+            grain["strength"] = [float(each) for each in sequence.strength]
+        described["grain"] = grain
         kd, ks = sequence.residue[..., :3], sequence.residue[..., 3:6]
         rough, height = sequence.residue[..., 6], sequence.residue[..., 7]
         alone |= {"grain_kd": kd, "grain_ks": ks, "grain_alpha": rough, "grain_height": height}

@@ -34,8 +34,9 @@ _KEPT = {"weathered_wood": 0.45, "soiling": 0.35, "drying": 0.6, "fading": 0.8, 
 """Share of a material's own differences that outlive a process which alters rather than covers:
 one scan cannot tell, as it does not show what its weathered texels were before."""
 
-_OWN = 48  # texels a side of the source's own clean ones
-_OTHERS = 56  # and of the patchwork of materials that the process may meet
+_OWN = 32  # texels a side of the source's own clean ones
+_OTHERS = 40  # and of the patchwork of materials that the process may meet
+_LAST = 0.85  # what starts last has time to weather as far as its source did
 _PATTERN = 128  # texels a side of the pattern that tells the statistics of the timing
 
 
@@ -130,4 +131,4 @@ def _weaker(change: Change, kept: float) -> float:
 def _timing(scale: float, process: str, seed: int) -> Timing:
     shape = (_PATTERN, _PATTERN)
     onset, rate = (pattern(process, shape, seed=seed) for pattern in (onset_map, rate_map))
-    return Timing.of(onset, rate, scale=float(np.clip(scale, 0.01, 1)))
+    return Timing.of(_LAST * onset, rate, scale=float(np.clip(scale, 0.01, 1)))

@@ -1,13 +1,13 @@
 """A scan's history: how its texels change with their distance from the border of what weathered.
 
-Position tells age: what lies farther inside has weathered longer. A front that has come so far
-moved fast at first and slowed down,
+Position tells age: what lies farther inside has weathered longer. A front
+moves fast at first and slows down,
 
     d(a) = d0 + D (1 - (1 - a)^k),   D = d1 - d0,
 
 from d0, where the first change begins (paint lifts before it breaks), to d1, from where on nothing
-changes any more. k makes its first speed that of the front which is drawn when a material is aged,
-so that borders come out as sharp as they were.
+changes any more; k is such that the border is reached at an age of 0.07, as what spreads turns
+visibly soon, and goes on slowly.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from .scan_maps import HEIGHT
 __all__ = ("Curves", "curves_by_distance", "seen")
 
 Array = NDArray[np.float32]
+Floats = NDArray[np.floating]
 
 FARTHEST = 128
 """Texels; what is farther from a border counts as this far."""
@@ -31,8 +32,8 @@ _FEWEST = 64  # texels that a mean is taken of
 _BEGUN = 0.1  # share of the whole way by which the first change has begun
 _ENDED = 0.06
 _LIFTED = 0.2  # share of the height's range likewise
-_FRONT = 2.5  # sides of a tile that a front crosses in a unit of time, in lengths of its pattern
-_POWER = (1.0, 12.0)
+_BORDER = 0.07  # age at which the border is reached
+_POWER = (4.0, 30.0)
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Curves:
         """Mean values [..., 8] at distances [...]."""
         return _at(distance, self.distance, self.mean)
 
-    def spread_at(self, distance: Array) -> Array:
+    def spread_at(self, distance: Array | float) -> Array:
         """Standard deviations [..., 8] at distances [...]."""
         return _at(distance, self.distance, self.spread)
 
@@ -76,18 +77,15 @@ class Curves:
         return np.interp(distance, self.distance, np.maximum.accumulate(gone)).astype(np.float32)
 
 
-def seen(values: Array) -> Array:
+def seen(values: Floats) -> Floats:
     """`values` [..., 8] in steps that look about alike, without height: [..., 7]."""
     return np.concatenate(
         (np.sqrt(np.maximum(values[..., : HEIGHT - 1], 0)), values[..., HEIGHT - 1 : HEIGHT]), -1
     )
 
 
-def curves_by_distance(values: Array, distance: Array, *, scale: float) -> Curves:
-    """The history that texels `values` [H, W, 8] at signed `distance` [H, W] tell.
-
-    scale: the length at which distances are half alike, in sides of the tile
-    """
+def curves_by_distance(values: Array, distance: Array) -> Curves:
+    """The history that texels `values` [H, W, 8] at signed `distance` [H, W] tell."""
     edges = np.asarray((*(-edge for edge in _EDGES[:0:-1]), *_EDGES))
     bin = np.searchsorted(edges, distance.ravel()) - 1
     count = np.bincount(bin, minlength=len(edges) - 1).astype(np.float64)
@@ -105,13 +103,19 @@ def curves_by_distance(values: Array, distance: Array, *, scale: float) -> Curve
     clean = _plateau(-far[outside][::-1], mean[outside][::-1], count[outside][::-1])
     weathered = _plateau(far[~outside], mean[~outside], count[~outside])
     first, last = _span(far, mean, clean, weathered)
-    speed = _FRONT * scale * max(values.shape[:2])
-    power = float(np.clip(speed / (last - first), *_POWER))
-    arrays = (far, mean, spread, count, clean, weathered)
-    return Curves(*(each.astype(np.float32) for each in arrays), first, last, power)
+    before = min(-first / (last - first), 0.99)
+    power = float(np.clip(np.log(1 - before) / np.log(1 - _BORDER), *_POWER))
+    return Curves(
+        *(each.astype(np.float32) for each in (far, mean, spread, count)),
+        clean=clean.astype(np.float32),
+        weathered=weathered.astype(np.float32),
+        first=first,
+        last=last,
+        power=power,
+    )
 
 
-def _plateau(away: Array, mean: Array, count: Array) -> Array:
+def _plateau(away: Floats, mean: Floats, count: Floats) -> Floats:
     """The mean [8] of the farther half of the texels on one side, which lie `away` from the border
     in rising order: of at least the last bin.
     """
@@ -120,13 +124,13 @@ def _plateau(away: Array, mean: Array, count: Array) -> Array:
     return np.average(mean[beyond], 0, count[beyond])
 
 
-def _span(far: Array, mean: Array, clean: Array, weathered: Array) -> tuple[float, float]:
+def _span(far: Floats, mean: Floats, clean: Floats, weathered: Floats) -> tuple[float, float]:
     """The distances at which the first change begins, and at which the last one ends."""
     whole = np.linalg.norm(seen(weathered) - seen(clean))
     height = mean[:, HEIGHT]
     rise = max(float(np.ptp(height)), 1e-6)
 
-    def changed(end: Array, least: float) -> NDArray[np.bool_]:
+    def changed(end: Floats, least: float) -> NDArray[np.bool_]:
         looks = np.linalg.norm(seen(mean) - seen(end), axis=-1) > least * whole
         return looks | (np.abs(height - end[HEIGHT]) > _LIFTED * rise)
 
@@ -137,10 +141,10 @@ def _span(far: Array, mean: Array, clean: Array, weathered: Array) -> tuple[floa
     return float(min(first, -0.5)), float(max(last, 0.5))
 
 
-def _most_of(far: Array) -> float:
+def _most_of(far: Floats) -> float:
     """A distance that is farther than change can be told from form: half of the farthest."""
     return 0.5 * float(np.abs(far).max())
 
 
-def _at(distance: Array, known: Array, values: Array) -> Array:
+def _at(distance: Floats | float, known: Floats, values: Floats) -> Array:
     return np.stack([np.interp(distance, known, each) for each in values.T], -1).astype(np.float32)

@@ -11,11 +11,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from model_runtime.temporal.grain import COMPONENTS, Grain
+from model_runtime.temporal.models import Affine
 
-__all__ = ("grain_of",)
+from ..data.sequences import Sequence
+from .histories import align
+
+__all__ = ("grain_of", "grain_of_sequence", "height_of")
 
 Array = NDArray[np.float32]
 
@@ -48,6 +54,42 @@ def grain_of(residue: Array, mean: Array, strength: Array, share: float) -> Grai
         (strength[:, None, None] * shapes).astype(np.float32),
         share,
     )
+
+
+def grain_of_sequence(sequence: Sequence) -> Grain | None:
+    """The grain of a sequence that brings a residue; None where it brings none."""
+    if sequence.residue is None:
+        return None
+    last = sequence.clamped().states()[-1].reshape(-1, 7)
+    mean = np.concatenate((last[:, :6].mean(0), np.sqrt(last[:, 6:]).mean(0)))
+    strength = sequence.strength
+    if strength is None:
+        states = torch.from_numpy(sequence.states())
+        histories, observed = _aligned(sequence, states)
+        gain = Affine.fit(histories, observed).gain.mean(1)
+        strength = (1 - gain).clamp(0, 1).numpy()
+    return grain_of(
+        sequence.residue, mean, np.where(np.arange(len(strength)), strength, 0), sequence.share
+    )
+
+
+def height_of(sequence: Sequence) -> Tensor | None:
+    """The mean height [T] at ages evenly spaced from 0 to 1, 0 at first; None where nothing is
+    known of it.
+    """
+    if sequence.height is None:
+        return None
+    histories, observed = _aligned(sequence, torch.from_numpy(sequence.height)[..., None])
+    weight = observed.float()
+    height = (histories[..., 0] * weight).sum(0) / weight.sum(0).clamp_min(1)
+    return height - height[0]
+
+
+def _aligned(sequence: Sequence, values: Tensor) -> tuple[Tensor, Tensor]:
+    """Histories [N, T, D] of `values` [T, H, W, D], counted from onset, and where observed."""
+    flat = values.flatten(1, 2)
+    onset = np.zeros(flat.shape[1]) if sequence.onset is None else sequence.onset.ravel()
+    return align(flat, sequence.times, onset)
 
 
 def _weights(flat: NDArray[np.float64], mean: Array) -> NDArray[np.float64]:

@@ -21,9 +21,10 @@ Array = NDArray[np.float32]
 
 _PATCHES = (96, 64, 48, 32, 24, 16, 12, 8)
 _COVERED = 0.5  # share of the usable texels that patches of a size have to reach
+_WHOLE = (1.0, 0.8, 0.5, 0.2, 0.01)  # share of a patch that is usable: all, where any fits
 _OVERLAP = 3  # patches overlap by at least this part of their side, one over it
 _TRIED = 160
-_WORN = 0.3  # how much worse a patch counts for each time it was used
+_WORN = 1.0  # how much worse a patch counts for each time it was used
 _FEATHER = 0.8
 _COMPARED = 4  # components in which patches are compared
 
@@ -76,27 +77,29 @@ class _Canvas:
     def window(self, top: int, left: int, patch: int) -> tuple[NDArray, NDArray]:
         """The index of a patch, around the edges."""
         side = len(self.pixels)
-        rows, columns = (np.arange(start, start + patch) % side for start in (top, left))
-        return np.ix_(rows, columns)
+        around = np.arange(patch)
+        return (top + around[:, None]) % side, (left + around) % side
 
 
 def _corners(usable: NDArray[np.bool_], wraps: Wraps, side: int) -> tuple[int, NDArray[np.int64]]:
     """The side of the patches, and the upper left corners [n, 2] of all that may be used."""
     total = int(usable.sum())
-    found = 0, np.zeros((0, 2), np.int64)
-    for patch in _PATCHES:
-        if 2 * patch > min(side, *usable.shape):
-            continue
-        sums = padded(usable.astype(np.int32), patch, wraps, fill=False)[patch:, patch:]
-        for axis in (0, 1):
-            sums = _windows(sums, patch, axis)
-        whole = sums[: usable.shape[0], : usable.shape[1]] == patch * patch
-        if not whole.any():
-            continue
-        found = patch, np.argwhere(whole)
-        if _reached(whole, patch) >= _COVERED * total:
-            break
-    return found
+    for least in _WHOLE:
+        found = 0, np.zeros((0, 2), np.int64)
+        for patch in _PATCHES:
+            if 2 * patch > min(side, *usable.shape) and patch > _PATCHES[-1]:
+                continue
+            sums = padded(usable.astype(np.int32), patch, wraps, fill=False)[patch:, patch:]
+            for axis in (0, 1):
+                sums = _windows(sums, patch, axis)
+            whole = sums[: usable.shape[0], : usable.shape[1]] >= least * patch * patch
+            if whole.any():
+                found = patch, np.argwhere(whole)
+            if _reached(whole, patch) >= _COVERED * total:
+                break
+        if len(found[1]):
+            return found
+    raise AssertionError("nothing may be used")
 
 
 def _windows(values: NDArray[np.int32], length: int, axis: int) -> NDArray[np.int32]:
@@ -138,7 +141,7 @@ def _seam(error: Array, known: NDArray[np.bool_], joined: tuple[bool, ...]) -> A
     shows = np.ones_like(error)
     for side, turns in zip(joined, (0, 2, 3, 1), strict=True):
         if side:  # turned so that the side lies on top
-            turned, there = (np.rot90(each, turns) for each in (error, known))
+            turned, there = np.rot90(error, turns), np.rot90(known, turns)
             depth = int(np.argmin(there[:, patch // 2])) or patch // 2
             depth = min(max(depth, 2), patch // 2)
             path = _path(turned[:depth].T)

@@ -50,9 +50,7 @@ class Scan:
     curves: Curves
 
 
-def read_states(
-    source: Path | ScanMaps, *, mask: Path | None = None, process: str = ""
-) -> Scan:
+def read_states(source: Path | ScanMaps, *, mask: Path | None = None, process: str = "") -> Scan:
     """The scan in `source` (see `read_scan`), what of it is weathered, and its curves.
 
     Raises InputError where it cannot be read or shows no two states.
@@ -61,7 +59,7 @@ def read_states(
     states = two_states(maps, process) if mask is None else masked(maps, mask)
     distance = signed_distance(states.weathered, maps.wraps, most=FARTHEST)
     scale = correlation_length(distance) or 1.0
-    return Scan(maps, states, distance, scale, curves_by_distance(maps.values, distance, scale=scale))
+    return Scan(maps, states, distance, scale, curves_by_distance(maps.values, distance))
 
 
 def change_of(
@@ -77,9 +75,9 @@ def change_of(
     gone = (gone - gone[0]) / max(float(gone[-1] - gone[0]), 1e-6)
     mean = curves.mean_at(distance)
     # at both ends what is farthest away, where there are the most texels
-    mean += (1 - gone[:, None]) * (curves.clean - mean[0]) + gone[:, None] * (
-        curves.weathered - mean[-1]
-    )
+    before = (distance.clip(max=0) / curves.first)[:, None]
+    after = (distance.clip(min=0) / curves.last)[:, None]
+    mean += before * (curves.clean - mean[0]) + after * (curves.weathered - mean[-1])
     mean[:, HEIGHT] -= mean[0, HEIGHT]
     mean[:, HEIGHT] /= side
     residue = _residue(scan, side, seed)
@@ -126,11 +124,7 @@ def _strength(curves: Curves, distance: Array, gone: Array) -> Array:
     def variance(spread: Array) -> Array:
         return np.square(spread[..., :6] * weight).sum(-1) + np.square(spread[..., 6])
 
-    clean, weathered = (
-        variance(curves.spread_at(np.float32(far))) for far in (curves.first, curves.last)
-    )
+    clean, weathered = (variance(curves.spread_at(far)) for far in (curves.first, curves.last))
     more = variance(curves.spread_at(distance)) - np.square(1 - gone) * clean
     strength = np.sqrt(np.maximum(more, 0) / np.maximum(weathered, 1e-9)).clip(0, _STRONGEST)
     return (np.minimum(strength, _STRONGEST * np.sqrt(gone)) * (gone > 0)).astype(np.float32)
-
-

@@ -1,4 +1,4 @@
-"""A scan as it is learned from: the states of its texels, what of them tells kinds apart, relief."""
+"""A scan as it is learned from: its texels' states and relief, and what tells kinds apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which texels of a scan are weathered: two kinds of surface, told apart, or a mask that says it."""
+"""Which texels of a scan are weathered: two kinds of surface told apart, or what a mask says."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ def masked(maps: ScanMaps, mask: Path) -> TwoStates:
             f"The mask {'covers all' if share > 0.5 else 'leaves nothing'} of {maps.name}.",
             "Paint what is weathered white, and leave what is clean black.",
         )
-    return TwoStates(weathered, "The mask says what is weathered.", _some(features(maps), weathered))
+    return TwoStates(
+        weathered, "The mask says what is weathered.", _some(features(maps), weathered)
+    )
 
 
 def two_states(maps: ScanMaps, process: str = "") -> TwoStates:
@@ -124,7 +126,7 @@ def _weathered(first: Array, second: Array, metal: float, process: str) -> tuple
 
 def _aged(process: str, start: Array) -> Array:
     """kd, ks and r [7] of a texel of which the formula of `process` has made all it will."""
-    kd, ks, alpha = history(process, start[:3], start[3:6], start[6] ** 2, np.float32(1))
+    kd, ks, alpha = history(process, start[:3], start[3:6], start[6] ** 2, np.ones((), np.float32))
     return np.concatenate((kd, ks, [np.sqrt(alpha)])).clip(0)
 
 

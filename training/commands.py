@@ -1,0 +1,276 @@
+"""All commands of `python -m training` but `learn`, which has to do without their libraries."""
+
+from __future__ import annotations
+
+import sys
+from json import dumps
+from pathlib import Path
+from typing import Literal
+
+import tyro
+
+from model_runtime.errors import TvbrdfError, UsageError, reason, shown
+from model_runtime.memory import check_limits, memory_in_words
+
+__all__ = ("main",)
+
+_MOST_MINUTES = 1e6
+
+app = tyro.extras.SubcommandApp()
+
+
+@app.command
+def encoder(
+    output: Path,
+    config: Literal["fast", "paper", "paper-short", "brdfnps-short"] = "fast",
+    resume: bool = False,
+    minutes: float | None = None,
+    seed: int = 0,
+) -> None:
+    """Train a BRDF encoder and decoder.
+
+    Args:
+        output: the .safetensors file to write; checkpoints and logs go beside it.
+        config: fast is the bundled encoder's recipe and paper the published one; paper-short and
+            brdfnps-short are for an hour on our training data, to compare with.
+        resume: go on from the checkpoint beside the output.
+        minutes: train about so many minutes of one core instead of the recipe's iterations.
+        seed: of all random numbers.
+    """
+    from .encoder import train_encoder
+
+    _check(minutes, seed)
+
+    train_encoder(config=config, output=output, resume=resume, minutes=minutes, seed=seed)
+
+
+@app.command
+def estimator(
+    encoder: Path,
+    output: Path,
+    resume: bool = False,
+    minutes: float | None = None,
+    seed: int = 0,
+) -> None:
+    """Train the network that tells parameters from latents where a fit would take too long.
+
+    It takes some twelve minutes of a core.
+
+    Args:
+        encoder: the encoder of the latents.
+        output: the .safetensors file to write; a checkpoint and logs go beside it.
+        resume: go on from the checkpoint beside the output.
+        minutes: train so many minutes of one core instead, after those for the fits it learns.
+        seed: of all random numbers.
+    """
+    from .estimator import train_estimator
+
+    _check(minutes, seed)
+
+    train_estimator(encoder=encoder, output=output, resume=resume, minutes=minutes, seed=seed)
+
+
+@app.command
+def ntm(
+    sequence: Path,
+    encoder: Path,
+    output: Path,
+    name: str,
+    title: str = "",
+    description: str = "",
+    process: str = "",
+    source: str = "",
+    license: str = "",
+    resume: bool = False,
+    minutes: float | None = None,
+    seed: int = 0,
+) -> None:
+    """Train a neural temporal model on a sequence.
+
+    Args:
+        sequence: folder of frames, polynomial coefficients or mixtures.
+        encoder: the encoder whose latents it rolls forward.
+        output: the .safetensors file to write; checkpoints and logs go beside it.
+        name: short name, for `--ntm`.
+        title: what menus show (default: the name).
+        description: one sentence for the artist.
+        process: rust, patina, char, ...: chooses the onset pattern (default: the name).
+        source: where the sequence comes from.
+        license: of the weights.
+        resume: go on from the checkpoints beside the output.
+        minutes: train about this long.
+        seed: of all random numbers.
+    """
+    from .ntm import train_ntm
+
+    _check(minutes, seed)
+
+    card = {
+        "name": name,
+        "title": title or name.capitalize(),
+        "description": description,
+        "process": process or name,
+        "source": source,
+        "license": license,
+    }
+    train_ntm(
+        sequence=sequence,
+        encoder=encoder,
+        output=output,
+        card=card,
+        resume=resume,
+        minutes=minutes,
+        seed=seed,
+    )
+
+
+@app.command
+def scan(
+    input: Path,
+    output: Path,
+    mask: Path | None = None,
+    process: str = "",
+    report: Path | None = None,
+    seed: int = 0,
+) -> None:
+    """Make a sequence of a material that is weathered in places and clean in others.
+
+    Args:
+        input: a folder of texture maps, or an image.
+        output: the folder of the sequence to write.
+        mask: an image that is white where it is weathered.
+        process: rust, moss, ...: which other materials take the same way, and how it spreads.
+        report: a folder for charts of what was found.
+        seed: of all random numbers.
+    """
+    from .data.writing import write_sequence
+    from .source.change import sequence_of
+    from .source.scan import change_of, read_states
+
+    _check(None, seed)
+
+    found = read_states(input, mask=mask, process=process)
+    change = change_of(found, seed=seed)
+    made = {"scan": change.name, "process": process, "seed": seed, "told": list(change.told)}
+    write_sequence(sequence_of(change, process=process, seed=seed), output, made)
+    if report is not None:
+        from .source.charts import write_charts
+
+        write_charts(found, change, report)
+    print("\n".join(change.told))
+
+
+@app.command
+def weathering(
+    process: tyro.conf.Positional[
+        Literal["rust", "patina", "char", "drying", "fading", "soiling", "yellowing", "moss"]
+    ],
+    output: Path,
+    size: int = 96,
+    frames: int = 36,
+    seed: int = 0,
+) -> None:
+    """Write a procedural weathering sequence, to train an NTM on.
+
+    Args:
+        process: what happens.
+        output: the folder to write.
+        size: texels a side.
+        frames: number of frames.
+        seed: of all random numbers.
+    """
+    from .data import weathering as sequences
+
+    _check(None, seed)
+
+    sequences.write(process, output, size=size, frames=frames, seed=seed)
+
+
+@app.command
+def evaluate(
+    what: tyro.conf.Positional[Literal["representation", "synthesis", "pareto", "stability"]],
+    output: Path,
+    pixels: int = 64,
+    methods: tuple[str, ...] = (),
+    cases: tuple[str, ...] = (),
+    json: bool = False,
+) -> None:
+    """Measure what is bundled beside its rivals; reports go to the output folder.
+
+    Args:
+        what: the PSNR of BRDF representations on every set of materials, or of models of change on
+            every case of synthesis; speed against accuracy, and the time and memory of aging; or
+            under which stresses methods fail.
+        output: the folder to write; what is finished there is not done again.
+        pixels: width of the rendered spheres (fewer is faster and rougher); pareto ages maps 16
+            times as wide.
+        methods: only these (ours, paper, brdfnps, nbrdf, stt, ...); all by default.
+        cases: of synthesis, only these (s1_a0.6_b0.05, s3, real_tvbtf45, ...), or only these
+            stresses; all by default.
+        json: print the report on stdout as JSON instead of a table.
+    """
+    from .data.location import data_folder
+
+    if what == "pareto":
+        from .evaluation.pareto.evaluate import evaluate_pareto
+        from .evaluation.pareto.report import tables
+
+        if methods or cases:
+            raise UsageError("Pareto takes all.", "Leave out --methods and --cases.")
+        report = evaluate_pareto(data_folder(), output, pixels=pixels)
+        table = tables(report)
+    elif what == "representation":
+        from .evaluation.representation.evaluate import evaluate_representation
+        from .evaluation.representation.report import main_table
+
+        if cases:
+            raise UsageError("Only synthesis and stability have cases.", "Leave out --cases.")
+        chosen = methods or None
+        report = evaluate_representation(data_folder(), output, pixels=pixels, methods=chosen)
+        table = main_table(report)
+    elif what == "stability":
+        from .evaluation.stability.evaluate import STRESSES, evaluate_stability
+        from .evaluation.stability.report import stability_table
+
+        report = evaluate_stability(
+            data_folder(), output, methods=methods or None, stresses=cases or None
+        )
+        table = stability_table(report, STRESSES)
+    else:
+        from .evaluation.synthesis.evaluate import evaluate_synthesis
+        from .evaluation.synthesis.report import tables
+
+        report = evaluate_synthesis(
+            data_folder(), output, pixels=pixels, methods=methods or None, cases=cases or None
+        )
+        table = tables(report)
+    print(dumps(report.json(), indent=1) if json else table)
+
+
+def _check(minutes: float | None, seed: int) -> None:
+    if minutes is not None and not 0 < minutes <= _MOST_MINUTES:
+        raise UsageError(f"A training of {minutes:g} minutes makes no sense.", "Give a few.")
+    if not 0 <= seed < 1 << 63:
+        raise UsageError("The seed is out of range.", "Give a whole number from 0.")
+
+
+def main() -> int:
+    """Run the command line; 0 when done, 1 when it failed with a reason, 2 for wrong usage, 130
+    when it was interrupted.
+    """
+    try:
+        with memory_in_words("Take fewer or smaller frames, or close other programs."):
+            check_limits()
+            app.cli(prog="python -m training")
+    except TvbrdfError as error:
+        print(error, file=sys.stderr)
+        return 2 if isinstance(error, UsageError) else 1
+    except OSError as error:
+        print(f"{shown(error.filename or 'A file')}: {reason(error)}.", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(
+            "\nInterrupted. A training goes on from its checkpoint with --resume.", file=sys.stderr
+        )
+        return 130
+    return 0
