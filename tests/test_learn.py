@@ -113,18 +113,22 @@ def test_a_sequence_is_read_as_it_was_written(change: Change, tmp_path: Path):
         assert np.allclose(one, other, atol=2e-3), name  # half floats
 
 
-def test_a_material_that_is_covered_keeps_nothing_and_one_that_greys_its_figure(change: Change):
-    covered, greyed = (
+def test_a_material_that_is_covered_keeps_nothing_and_one_that_grays_keeps_its_figure(
+    change: Change,
+):
+    covered, grayed = (
         sequence_of(change, process=process).kd[:, 0, 1024:]
         for process in ("rust", "weathered_wood")
     )
     assert covered[-1].std(0).max() < 1e-5
-    assert greyed[-1].std(0).min() > 0.2 * greyed[0].std(0).min()
+    assert grayed[-1].std(0).min() > 0.2 * grayed[0].std(0).min()
 
 
 class TestGrain:
     def test_it_differs_as_the_residue_does(self, change: Change):
-        grain = grain_of(change.residue, change.mean[-1, :7], np.linspace(0, 1, 5), 0.5)
+        grain = grain_of(
+            change.residue, change.mean[-1, :7], np.linspace(0, 1, 5, dtype=np.float32), 0.5
+        )
         stored = grain.tile.reshape(3, -1)
         values = np.stack([table[each] for table, each in zip(grain.table, stored, strict=True)])
         assert np.allclose(values.mean(1), 0, atol=1e-3)

@@ -116,7 +116,7 @@ _PROCESSES = {
     "peeling_metal": {"edges": 0.6, "crevices": 0.4, "ground": 0.2, "sky": 0.2},
     # On wood end grain and joints drink, and the sun opens what looks up.
     "peeling_wood": {"edges": 0.5, "crevices": 0.4, "sky": 0.4, "ground": 0.3},
-    # Light breaks lignin down and rain washes it out: what the sky sees turns grey.
+    # Light breaks lignin down and rain washes it out: what the sky sees turns gray.
     "weathered_wood": {"sky": 0.8, "crevices": -0.4, "edges": 0.2, "pattern": 0.7},
 }
 _UNKNOWN = {"edges": 0.3, "crevices": 0.3}

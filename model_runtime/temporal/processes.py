@@ -139,7 +139,7 @@ _PROCESSES = {
         across=2.0, down=0.5, up=0.5, unevenness=0.9, grain=(28, 6), raggedness=0.09, gain=0.76,
         mottling=0.2, scale=0.076, pace=_FLAKING,
     ),
-    # Sun and rain grey a board as a whole, board by board and along the fibers.
+    # Sun and rain gray a board as a whole, board by board and along the fibers.
     "weathered_wood": Growth(
         nuclei=40, clusters=(6, 1), cluster_delay=0.5, birth_spread=0.3,
         across=2.0, down=0.6, up=0.6, unevenness=0.7, grain=(20, 4), raggedness=0.15, gain=0.72,

@@ -23,6 +23,7 @@ _BEGINNING = 0.1  # age over which, after the earliest, they are ever more on it
 _MOSTLY = 0.75  # share of worn texels beyond which the others only look a little different
 _WIDER = 2.0
 _CHUNK = 1 << 14
+_EXACT = "donot_use_mm_for_euclid_dist"
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,9 @@ class Course:
         course = perceptual(self.states)
         for start in range(0, len(parameters), _CHUNK):
             part = slice(start, start + _CHUNK)
-            distance, place = torch.cdist(perceptual(parameters[part]), course).min(1)
+            # exact: what has weathered for long changes by less than products of matrices tell
+            away = torch.cdist(perceptual(parameters[part]), course, compute_mode=_EXACT)
+            distance, place = away.min(1)
             age[part] = self.ages[place]
             near = ((1 - distance / self.near) / _FADING + 0.5).clamp(0, 1)
             share[part] = near * ((age[part] - self.ages[0]) / _BEGINNING).clamp(0, 1)

@@ -6,7 +6,7 @@ moves fast at first and slows down,
     d(a) = d0 + D (1 - (1 - a)^k),   D = d1 - d0,
 
 from d0, where the first change begins (paint lifts before it breaks), to d1, from where on nothing
-changes any more; k is such that the border is reached at an age of 0.07, as what spreads turns
+changes any more; k is such that the border is reached at an age of a tenth, as what spreads turns
 visibly soon, and goes on slowly.
 """
 
@@ -31,8 +31,9 @@ _EDGES = (0, 1.25, 2.25, 3.25, 4.25, 5.5, 7, 9, 12, 16, 22, 30, 42, 60, 90, FART
 _FEWEST = 64  # texels that a mean is taken of
 _BEGUN = 0.1  # share of the whole way by which the first change has begun
 _ENDED = 0.06
+_DEEPEST = 0.01
 _LIFTED = 0.2  # share of the height's range likewise
-_BORDER = 0.07  # age at which the border is reached
+_BORDER = 0.1  # age at which the border is reached
 _POWER = (4.0, 30.0)
 
 
@@ -41,6 +42,7 @@ class Curves:
     """distance: [B], of the texels in each bin, from clean (negative) to weathered, in texels
     mean, spread: [B, 8] of their values; count: [B]
     clean, weathered: [8], the means far from the border
+    drift: [8] what still changes slowly among weathered texels, from the shallow to the deep
     first, last: distances at which change begins and ends
     power: k (see above)
     """
@@ -51,6 +53,7 @@ class Curves:
     count: Array
     clean: Array
     weathered: Array
+    drift: Array
     first: float
     last: float
     power: float
@@ -109,6 +112,7 @@ def curves_by_distance(values: Array, distance: Array) -> Curves:
         *(each.astype(np.float32) for each in (far, mean, spread, count)),
         clean=clean.astype(np.float32),
         weathered=weathered.astype(np.float32),
+        drift=_drift(far, mean, count, last).astype(np.float32),
         first=first,
         last=last,
         power=power,
@@ -122,6 +126,19 @@ def _plateau(away: Floats, mean: Floats, count: Floats) -> Floats:
     beyond = np.cumsum(count[::-1])[::-1] <= 0.5 * count.sum()
     beyond[-1] = True
     return np.average(mean[beyond], 0, count[beyond])
+
+
+def _drift(far: Floats, mean: Floats, count: Floats, last: float) -> Floats:
+    """By how much the mean [8] goes on changing beyond `last`, up to where there is still a
+    hundredth of the texels: the line of least squares.
+    """
+    beyond = (far >= last) & (count >= _DEEPEST * count.sum())
+    if beyond.sum() < 2:
+        return np.zeros(mean.shape[1])
+    away, weight = far[beyond], count[beyond]
+    centered = away - np.average(away, weights=weight)
+    slope = (weight * centered) @ mean[beyond] / (weight @ centered**2)
+    return slope * np.ptp(away)
 
 
 def _span(far: Floats, mean: Floats, clean: Floats, weathered: Floats) -> tuple[float, float]:

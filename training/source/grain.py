@@ -99,7 +99,8 @@ def _weights(flat: NDArray[np.float64], mean: Array) -> NDArray[np.float64]:
     weight = np.ones(flat.shape[1])
     weight[:6] = 0.5 / np.sqrt(np.maximum(mean[:6], _DARKEST))
     looks = np.sqrt(np.square(flat[:, :7] * weight[:7]).sum(1).mean())
-    weight[7] = _HEIGHT * looks / max(float(flat[:, 7].std()), 1e-9)
+    rise = float(flat[:, 7].std())
+    weight[7] = _HEIGHT * looks / rise if rise > 0 and looks > 0 else 1.0
     return weight
 
 

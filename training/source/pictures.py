@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from model_runtime.errors import InputError, reason, shown
-from model_runtime.images import EXTENSIONS, read_image, resize
+from model_runtime.images import EXTENSIONS, read_image
 from model_runtime.memory import ran_out_of_memory
+from model_runtime.resampling import resize
 
 __all__ = ("is_timelapse", "read_pictures")
 

@@ -2,8 +2,9 @@
 
 Normals are slopes, in units that need no scale; displacement is height in an unknown one. Where
 both are there, the depth of the displacement is what makes its slopes those of the normals; where
-there are only normals, they are integrated (Frankot and Chellappa 1988). Form that is much larger
-than weathering (corrugation, boards, a warped plate) is taken out.
+there are only normals, they are integrated (Frankot and Chellappa 1988). The form of the thing
+(corrugation, boards, a warped plate) is what its clean parts show, smoothed and carried on under
+the weathered ones; relief is counted from there.
 """
 
 from __future__ import annotations
@@ -14,19 +15,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from model_runtime.images import read_image, read_packed, resize
+from model_runtime.images import read_image, read_packed
 from model_runtime.reading.texture_names import choose_relief, points_down
+from model_runtime.resampling import resize
 
 from .distance import Wraps, smoothed
 
-__all__ = ("Relief", "read_relief")
+__all__ = ("Relief", "read_relief", "without_form")
 
 Array = NDArray[np.float32]
 
 ASSUMED_DEPTH = 0.01
 """Of a displacement map's range, in sides of the scan, where no normals tell."""
 
-_FORM = 1 / 12  # of the scan's side: larger waves are the thing's form, not its weathering
+_FORM = 1 / 24  # of the scan's side: larger waves are the thing's form, not its weathering
+_FARTHER = 4  # times as far clean texels are looked for where there are none
+_SELDOM = 0.03  # how much those count
 _STEEPEST = 4.0  # a slope that a normal map holds for sure
 _LEAST_AGREEMENT = 0.3  # correlation of slopes below which normals and displacement differ
 _DEPTH = (0.003, 0.1)  # of the scan's side; many normal maps are shallower than one can see
@@ -49,9 +53,8 @@ def read_relief(folder: Path, size: tuple[int, int], wraps: Wraps) -> Relief:
     if "height" not in files:
         if slopes is None:
             return Relief(None, "Nothing tells of its relief: none was learned.")
-        height = _without_form(_integrated(*slopes, wraps), wraps)
-        return Relief(height, "Its relief was integrated from its normals.")
-    shape = _without_form(resize(read_image(folder / files["height"], color=False), size), wraps)
+        return Relief(_integrated(*slopes, wraps), "Its relief was integrated from its normals.")
+    shape = resize(read_image(folder / files["height"], color=False), size)
     depth = None if slopes is None else _depth(shape, slopes, wraps)
     if depth is None:
         depth = ASSUMED_DEPTH * max(size)
@@ -106,10 +109,21 @@ def _integrated(down: Array, across: Array, wraps: Wraps) -> Array:
     return np.fft.irfft2(spectrum, down.shape)[:height, :width].astype(np.float32)
 
 
-def _without_form(height: Array, wraps: Wraps) -> Array:
-    """Only the waves that are shorter than the form of the thing."""
-    sigma = _FORM * max(height.shape) / 2
-    step = max(1, int(sigma // 4))  # a broad Gaussian needs no fine grid
-    size = height.shape[0], height.shape[1]
-    coarse = resize(height, (max(1, size[0] // step), max(1, size[1] // step)))
-    return height - resize(smoothed(coarse, sigma / step, wraps), size)
+def without_form(height: Array, clean: NDArray[np.bool_], wraps: Wraps) -> Array:
+    """`height` [H, W] above the form that its `clean` texels [H, W], at least one, show."""
+    weight = clean.astype(np.float32)
+    sigma = _FORM * max(height.shape)
+    form = _SELDOM * _broad(weight * height, _FARTHER * sigma, wraps)
+    known = _SELDOM * _broad(weight, _FARTHER * sigma, wraps)
+    form += _broad(weight * height, sigma, wraps)
+    known += _broad(weight, sigma, wraps)
+    mean = float(height[clean].mean())
+    return height - (form + 1e-4 * mean) / (known + 1e-4)
+
+
+def _broad(values: Array, sigma: float, wraps: Wraps) -> Array:
+    """`values` [H, W] after a Gaussian of many texels, which needs no fine grid."""
+    step = max(1, int(sigma // 4))
+    size = values.shape[0], values.shape[1]
+    coarse = resize(values, (max(1, size[0] // step), max(1, size[1] // step)))
+    return resize(smoothed(coarse, sigma / step, wraps), size)

@@ -7,7 +7,7 @@ border is the age, and a texel's past is what lies nearer to the border, plus wh
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from .curves import FARTHEST, Curves, curves_by_distance
 from .distance import signed_distance, smoothed
 from .onsets import correlation_length
 from .quilting import quilted
+from .relief import without_form
 from .scan_maps import HEIGHT, ScanMaps, read_scan
 from .two_states import TwoStates, masked, two_states
 
@@ -25,7 +26,7 @@ __all__ = ("AGES", "Scan", "change_of", "read_states")
 
 Array = NDArray[np.float32]
 
-AGES = 48
+AGES = 64
 """Ages that a scan's history is told at: enough for a lip of lifted paint."""
 
 _TILE = 512  # texels a side of a residue's tile, at the scan's own resolution
@@ -33,6 +34,7 @@ _DEEP = (0.93, 1.6)  # share of the way, and texels from the border: weathered f
 _SHALLOW = 0.6  # share likewise, where little is deeper
 _LEAST_DEEP = 2_000  # texels
 _FORM = 16.0  # texels; a residue's height holds no larger waves
+_BEYOND_LIPS = -8.0  # texels outside: what is raised at borders is no form
 _STRONGEST = 1.25
 _MOST_STARTS = 50_000
 
@@ -59,6 +61,13 @@ def read_states(source: Path | ScanMaps, *, mask: Path | None = None, process: s
     states = two_states(maps, process) if mask is None else masked(maps, mask)
     distance = signed_distance(states.weathered, maps.wraps, most=FARTHEST)
     scale = correlation_length(distance) or 1.0
+    if maps.has_height:
+        clean = distance < _BEYOND_LIPS
+        values = maps.values.copy()
+        values[..., HEIGHT] = without_form(
+            values[..., HEIGHT], clean if clean.any() else distance < 0, maps.wraps
+        )
+        maps = replace(maps, values=values)
     return Scan(maps, states, distance, scale, curves_by_distance(maps.values, distance))
 
 
@@ -70,7 +79,8 @@ def change_of(
     """
     curves, maps = scan.curves, scan.maps
     side = min(_TILE, max(maps.size))
-    distance = curves.distance_at(np.linspace(0, 1, AGES, dtype=np.float32))
+    ages = np.linspace(0, 1, AGES, dtype=np.float32)
+    distance = curves.distance_at(ages)
     gone = curves.share_at(distance)
     gone = (gone - gone[0]) / max(float(gone[-1] - gone[0]), 1e-6)
     mean = curves.mean_at(distance)
@@ -78,6 +88,7 @@ def change_of(
     before = (distance.clip(max=0) / curves.first)[:, None]
     after = (distance.clip(min=0) / curves.last)[:, None]
     mean += before * (curves.clean - mean[0]) + after * (curves.weathered - mean[-1])
+    mean += gone[:, None] * (ages[:, None] - 0.5) * curves.drift
     mean[:, HEIGHT] -= mean[0, HEIGHT]
     mean[:, HEIGHT] /= side
     residue = _residue(scan, side, seed)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from model_runtime.brdf.measured import MeasuredBRDF
 from model_runtime.brdf.principled import forward
 from model_runtime.errors import InputError, shown
-from model_runtime.images import EXTENSIONS, read_image, resize
+from model_runtime.images import EXTENSIONS, read_image
 from model_runtime.maps import Maps, PrincipledMaps
 from model_runtime.reading.inputs import read_input
+from model_runtime.resampling import resize
 
 from .distance import Wraps, smoothed
 from .relief import read_relief

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model_runtime.errors import InputError
-from model_runtime.images import read_image, resize
+from model_runtime.images import read_image
+from model_runtime.resampling import resize
 
 from ..data.kinetics import PROCESSES, history
 from .scan_maps import ROUGHNESS, ScanMaps, features
