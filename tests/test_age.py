@@ -65,8 +65,8 @@ def painted(place: Path, paint: Path) -> Aged:
 class TestPrincipled:
     def test_every_file_that_is_listed_exists_and_no_other(self, painted: Aged):
         files = painted.report["files"]
-        assert tuple(files) == PRINCIPLED
-        for name in PRINCIPLED:
+        assert tuple(files) == (*PRINCIPLED, "height")
+        for name in files:
             assert files[name] == [f"{name}_{k:04d}.exr" for k in range(1, 13)]
         listed = {file for names in files.values() for file in names}
         assert set(contents(painted.folder)) == listed | {"aged.json"}
@@ -192,17 +192,17 @@ class TestFormats:
         assert report["warnings"] == []
         first = {m: frames_of(tmp_path / "out", m, 2)[0][3, 4] for m in report["files"]}
         if name == "torrance-sparrow":
-            assert tuple(first) == TORRANCE_SPARROW
+            assert tuple(first) == (*TORRANCE_SPARROW, "height")
             expected = {"kd": kd, "ks": ks, "alpha": 0.25}
         elif name == "principled-exact":  # Kd / (1 - 0.224), Ks / 0.8, sqrt(alpha)
-            assert tuple(first) == ("base_color", "specular_tint", "roughness")
+            assert tuple(first) == ("base_color", "specular_tint", "roughness", "height")
             expected = {
                 "base_color": (0.386598, 0.193299, 0.0773196),
                 "specular_tint": (0.28, 0.155, 0.08),
                 "roughness": 0.5,
             }
         else:
-            assert tuple(first) == PRINCIPLED
+            assert tuple(first) == (*PRINCIPLED, "height")
             m, base, level = (first[k] for k in ("metallic", "base_color", "specular"))
             np.testing.assert_allclose(base * (1 - m), kd, rtol=0.01)
             np.testing.assert_allclose(m * base + (1 - m) * 0.08 * level, ks, rtol=0.01)
@@ -215,7 +215,7 @@ class TestFormats:
         listener = Listener()
         report = run(source, tmp_path / "out", listener, frames=2, format="principled-exact")
         assert report["format"] == "torrance-sparrow"
-        assert tuple(report["files"]) == TORRANCE_SPARROW
+        assert tuple(report["files"]) == (*TORRANCE_SPARROW, "height")
         assert any("0.8" in warning for warning in report["warnings"])
         assert listener.warnings == report["warnings"]
 

@@ -289,7 +289,7 @@ class TestRun:
             listener = Listener()
             aged = run(
                 paint, tmp_path / binding, listener, binding=binding, tolerance=99.0, frames=2,
-                quality="exact", size=16,
+                quality="exact", size=16, ntm="fading",
             )  # fmt: skip
             assert aged["binding"] == "frames" and aged["coefficients"] == 0
             assert "error_db" not in aged

@@ -96,4 +96,5 @@ def test_rust_of_a_scan_goes_on_and_never_gets_younger(data_folder: Path, tmp_pa
     first, *later = (course.age_of(torch.from_numpy(frame.astype(np.float32))) for frame in states)
     worn = first > 0.25
     assert all((after[worn] > first[worn] - 0.1).float().mean() > 0.95 for after in later)
-    assert later[-1][worn].mean() > first[worn].mean() + 0.2
+    assert first[worn].mean() < later[-1][worn].mean()
+    assert later[-1][worn].mean() > 0.95  # it has gone on to the end

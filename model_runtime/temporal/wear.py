@@ -17,7 +17,8 @@ __all__ = ("Course", "course_of")
 _MATERIALS = 192  # of those a model was trained on, which tell the course that all take
 _TOGETHER = 0.3  # spread of a course below which all materials look alike, of its whole way
 _NEAR = 0.3  # distance from it at which a texel is on it, likewise
-_EARLIEST = 0.2  # age; before it hardly anything has happened yet
+_EARLIEST = 0.2  # age; before it hardly anything has happened yet,
+_MOST = 0.8  # unless so much of the way is gone
 _FADING = 0.5  # share of that distance over which texels are ever less on it
 _BEGINNING = 0.1  # age over which, after the earliest, they are ever more on it
 _MOSTLY = 0.75  # share of worn texels beyond which the others only look a little different
@@ -73,7 +74,8 @@ class Course:
             distance, place = away.min(1)
             age[part] = self.ages[place]
             near = ((1 - distance / self.near) / _FADING + 0.5).clamp(0, 1)
-            share[part] = near * ((age[part] - self.ages[0]) / _BEGINNING).clamp(0, 1)
+            beginning = _BEGINNING * self.ages[0] / _EARLIEST  # a quick course begins quickly
+            share[part] = near * ((age[part] - self.ages[0]) / beginning).clamp(0, 1)
         return age, share
 
     def sound(self, parameters: Tensor) -> Tensor:
@@ -120,6 +122,7 @@ def course_of(ntm: NeuralTemporalModel) -> Course:
     way = float((mean[-1] - mean[0]).norm())
     apart = (spread > _TOGETHER * way).nonzero()
     first = int(apart[-1, 0]) + 1 if len(apart) else 0
-    first = max(first, math.ceil(_EARLIEST * (ntm.frames - 1)))
+    gone = int(((mean - mean[-1]).norm(dim=-1) < (1 - _MOST) * way).int().argmax())
+    first = max(first, min(gone, math.ceil(_EARLIEST * (ntm.frames - 1))))
     ages = torch.linspace(0, 1, ntm.frames)[first:]
     return Course(ages, mean[first:].square(), _NEAR * way)
