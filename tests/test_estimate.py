@@ -42,12 +42,22 @@ def test_exact_through_latents_takes_hours():
 
 def test_runs_are_learned_from():
     rates, took = Rates(), {"read": 1.0, "onset": 0.5, "model": 4.0, "write": 60.0}
-    for _ in range(8):
+    for _ in range(12):
         rates = rates.after(report(BALANCED, **took), stored=400_000_000)
     assert rates.of(BALANCED).seconds == pytest.approx(sum(took.values()), rel=0.02)
     assert rates.of(BALANCED).bytes == pytest.approx(400e6, rel=0.02)
     draft = Work(BALANCED.texels, 36, "draft", "affine")
     assert replace(rates, overhead=0.6).of(draft) == Rates().of(draft), "nothing was learned of it"
+
+
+def test_one_odd_run_says_little_and_many_are_the_rule():
+    slow = report(BALANCED, **dict.fromkeys(("read", "onset", "model", "write"), 500.0))
+    once = Rates().after(slow, stored=1)
+    assert once.of(BALANCED).seconds < 2.1 * Rates().of(BALANCED).seconds
+    often = once
+    for _ in range(20):
+        often = often.after(slow, stored=1)
+    assert often.of(BALANCED).seconds == pytest.approx(2000, rel=0.02)
 
 
 def test_a_run_of_one_size_tells_of_others():

@@ -30,6 +30,8 @@ LONG_SECONDS = 600.0
 
 # How much the latest run counts against all earlier ones.
 _NEWS = 0.5
+# By what factor a run may differ from what was known, at most, as far as it counts.
+_ODD = 3.0
 # Below this many texels of all frames a run is too short to time its writing by.
 _TELLING = 1_000_000
 
@@ -188,4 +190,7 @@ class Rates:
 
 
 def _blend(old: float, new: float) -> float:
+    """One run that took far longer than any says little: the machine was asleep, or busy."""
+    if old > 0:
+        new = min(max(new, old / _ODD), old * _ODD)
     return (1 - _NEWS) * old + _NEWS * new

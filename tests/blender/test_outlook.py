@@ -92,12 +92,12 @@ def test_runs_are_learned_from_and_kept(paint, tmp_path: Path, monkeypatch):
         "frames": 36,
         "quality": "draft",
         "temporal_model": "affine",
-        "seconds": {"read": 1.0, "onset": 1.0, "model": 1.0, "write": 100.0},
+        "seconds": {"read": 1.0, "onset": 1.0, "model": 1.0, "write": 5.0},
     }
     learn(paint, aged, result)
     kept = json.loads((tmp_path / "rates.json").read_text())
     assert kept["write"]["draft"] == pytest.approx(
-        (100 / (36 * 1024**2) + Rates().write["draft"]) / 2
+        (5 / (36 * 1024**2) + Rates().write["draft"]) / 2
     )
     assert Rates.load(tmp_path / "rates.json") == module._rates
 
