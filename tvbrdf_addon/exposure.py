@@ -66,6 +66,7 @@ def draw(layout: bpy.types.UILayout, settings: Any) -> None:
     column.prop(settings, "pattern_size")
     column.prop(settings, "seed")
     column.prop(settings, "amount", slider=True)
+    column.prop(settings, "use_alike")
 
 
 CLASSES = (TVBRDF_PG_exposure,)

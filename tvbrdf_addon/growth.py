@@ -61,7 +61,11 @@ def growth(
 
     kept = Path(bpy.app.tempdir) / "surfaces"
     maps = write_surface(
-        material, scene, frame, uv_map=reading.laid_out_by, tiles=reading.tiles, kept=kept
+        *(material, scene, frame),
+        uv_map=reading.laid_out_by,
+        tiles=reading.tiles,
+        alike=material.tvbrdf.use_alike,
+        kept=kept,
     )
     apart = needs_no_texels(request)
     if maps.folder is None:

@@ -287,6 +287,14 @@ class TVBRDF_PG_material(Strengths, bpy.types.PropertyGroup):
         max=1.0,
         subtype="FACTOR",
     )
+    use_alike: bpy.props.BoolProperty(
+        name="Mirrored Alike",
+        description=(
+            "What shares texels, as mirrored halves do, starts alike. Else each place starts for "
+            "itself, by a UV map that is made for it"
+        ),
+        default=False,
+    )
     specular: bpy.props.EnumProperty(
         name="Highlights",
         description="Color of the aged highlights",

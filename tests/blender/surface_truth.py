@@ -14,13 +14,26 @@ from tests.blender.material_cases import plane
 SIZE = 128
 
 
-def written(material: bpy.types.Material, folder: Path, *, uv_map="", used=((0, 0),), size=SIZE):
+def written(
+    material: bpy.types.Material,
+    folder: Path,
+    *,
+    uv_map="",
+    used=((0, 0),),
+    alike=False,
+    size=SIZE,
+):
     from tvbrdf.tvbrdf_addon.material.reading.tiles import Tiles
     from tvbrdf.tvbrdf_addon.material.surface_maps.maps import write_surface
 
     scene = bpy.context.scene
     return write_surface(
-        material, scene, 1, uv_map=uv_map, tiles=Tiles(used), kept=folder / "kept", size=size
+        *(material, scene, 1),
+        uv_map=uv_map,
+        tiles=Tiles(used),
+        kept=folder / "kept",
+        alike=alike,
+        size=size,
     )
 
 

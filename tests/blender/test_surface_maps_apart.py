@@ -42,6 +42,19 @@ def on_one_point(material) -> list[bpy.types.Object]:
     return [obj]
 
 
+def test_mirrored_halves_age_alike_where_the_artist_wants_it(tmp_path):
+    material = new_material()
+    mirrored_halves(material)
+    apart, alike = (written(material, tmp_path, size=256, alike=each) for each in (False, True))
+    assert apart.own is not None and alike.own is None
+    assert any("alike, as Mirrored Alike says" in each for each in alike.notes)
+    x = read_map(alike.folder, "position")[..., 0]
+    covered = read_map(alike.folder, "position")[..., 3] > 0
+    assert (x[covered] > 0.99).mean() + (x[covered] < -0.99).mean() < 0.3, (
+        "one half stands for both"
+    )
+
+
 @pytest.mark.parametrize(
     ("make", "why"),
     [

@@ -56,14 +56,16 @@ def lay_out(
     *,
     uv_map: str | None,
     tiles: Tiles,
+    alike: bool,
     name: str,
     size: int,
 ) -> Layout | tuple[str, ...]:
     """The layout of maps of `size` texels a side, or sentences why there is none.
 
     `uv_map` is that by which the material looks up what is made of it (empty: that which each mesh
-    renders with), None where it does so by something else; `seen` was collected by it.  `name` is
-    what a UV map is called that has to be made.
+    renders with), None where it does so by something else; `seen` was collected by it.  Faces that
+    share texels have places of their own unless they are to age `alike`.  `name` is what a UV map
+    is called that has to be made.
     """
     notes = _not_followed(material, seen)
     if not seen.parts:
@@ -81,6 +83,8 @@ def lay_out(
             found = _seen_once(uv, shape)
             if found is not None and not found.shared:
                 return Layout(seen, uv, found.raster, None, (*notes, *_alike(seen.parts)))
+            if found is not None and alike:
+                return Layout(seen, uv, found.raster, None, (*notes, _AS_ASKED))
             if found is not None and not _share_texels(seen.parts, material, uv_map, tiles):
                 notes = (*notes, *_alike(seen.parts), _COPIES)
                 return Layout(seen, uv, found.raster, None, notes)
@@ -88,6 +92,7 @@ def lay_out(
     return _apart(material, scene, frame, seen, name, size, why, notes)
 
 
+_AS_ASKED = "What shares texels ages alike, as Mirrored Alike says: by where its first face lies."
 _COPIES = (
     "Copies that modifiers make of a mesh share its UV map and age alike: apply the modifiers "
     "where they are to differ."

@@ -49,20 +49,27 @@ def write_surface(
     uv_map: str | None,
     tiles: Tiles,
     kept: Path,
+    alike: bool = False,
     size: int = _SIZE,
 ) -> SurfaceMaps:
     """Writes `position.exr` (world, meters; alpha 1 where a face is), `normal.exr` (world, unit),
     `ao.exr`, `edge.exr` and `sky.exr` (0 to 1) of all faces that show the material at `frame`.
 
-    `uv_map` and `tiles` say where the material's own maps lie, as in `lay_out`.  Folders lie in
+    `uv_map` and `tiles` say where the material's own maps lie, and `alike` that what shares texels
+    is to age alike, as in `lay_out`.  Folders lie in
     `kept`, the last few of which stay for the next time.  Raises `MaterialError`.
     """
     started, made = time.monotonic(), 0.0
     seen, name = collect(material, scene, frame, uv_map=uv_map or ""), free_name(material)
-    folder = kept / _digest(seen, repr((uv_map, tiles, name, size)))
+    folder = kept / _digest(seen, repr((uv_map, tiles, name, alike, size)))
     if not folder.is_dir():
         layout = lay_out(
-            *(seen, material, scene, frame), uv_map=uv_map, tiles=tiles, name=name, size=size
+            *(seen, material, scene, frame),
+            uv_map=uv_map,
+            tiles=tiles,
+            alike=alike,
+            name=name,
+            size=size,
         )
         if not isinstance(layout, Layout):
             return SurfaceMaps(None, None, layout)
