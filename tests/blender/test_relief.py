@@ -104,7 +104,7 @@ def test_heights_are_those_of_the_result(tmp_path, grain, count):
         np.testing.assert_allclose(seen, wanted, atol=2e-5, err_msg=str(frame))
 
 
-@pytest.mark.parametrize("kind", FORMATS[:2])
+@pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("build", [procedural, bumpy, displaced])
 def test_at_age_0_nothing_is_changed_to_the_last_bit(tmp_path, kind, build):
     """Against the same result without relief: what there is besides has its own tests."""
