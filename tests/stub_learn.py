@@ -19,6 +19,8 @@ sys.path.insert(0, str(Path.cwd()))
 from model_runtime.messages import Done, Failed, Message, Notice, Progress, Reply
 from tests.model_bytes import CARD, model_bytes
 
+SOURCE = "Learned from a stub. Encoder: as always."
+
 
 def say(message: Message) -> None:
     print(Reply(message, "learn").line(), flush=True)
@@ -29,7 +31,7 @@ def main() -> int:
     parser.add_argument("verb", choices=("learn",))
     parser.add_argument("source", type=Path)
     parser.add_argument("--output", type=Path, required=True)
-    for name in ("name", "title", "process"):
+    for name in ("name", "title", "process", "description"):
         parser.add_argument(f"--{name}", default="")
     parser.add_argument("--json", action="store_true", required=True)
     given = parser.parse_args()
@@ -46,7 +48,7 @@ def main() -> int:
         say(Failed("input", "It shows no two states to learn from.", "Choose another."))
         os._exit(1)
     card = {"name": given.name, "title": given.title, "process": given.process}
-    card |= {"description": " ".join(files), "source": "Learned from a stub.", "warnings": []}
+    card |= {"description": " ".join(files), "source": SOURCE, "warnings": []}
     given.output.write_bytes(model_bytes({**CARD, **card}))
     say(Notice("The stub knows no height."))
     say(Done(card))

@@ -134,7 +134,10 @@ def write_ntm(
     details: dict[str, Any] = {
         **card,
         "source": ". ".join(
-            filter(None, (card.get("source", ""), f"Encoder: {read_card(encoder).source}"))
+            filter(
+                None,
+                (card.get("source", "").rstrip("."), f"Encoder: {read_card(encoder).source}"),
+            )
         ),
         "frames": ntm.frames,
         "representation": identity,

@@ -23,7 +23,8 @@ POLL_SECONDS = 0.05
 
 _KINDS = (
     ("rust", "Rust", "Spots that merge, in patches that stay wet"),
-    ("peeling", "Peeling Paint", "Spots of all sizes; what covers comes off"),
+    ("peeling_metal", "Paint off Metal", "Chips, from edges and where water stands"),
+    ("peeling_wood", "Paint off Wood", "Flakes, from edges and where the sun reaches"),
     ("patina", "Patina", "Streaks where rain runs"),
     ("moss", "Moss", "Round cushions where it is damp"),
     ("soiling", "Dirt", "Streaks from above; what is below shows through"),

@@ -155,7 +155,7 @@ class Learning:
     def _listen(self, source: Path) -> Iterator[None]:
         arguments = ("learn", str(source), "--output", str(self.lesson.target))
         said = {"name": self.lesson.name, "title": self.lesson.title}
-        said |= {"process": self.lesson.process}
+        said |= {"process": self.lesson.process, "description": f"Learned from {source.name}"}
         options = tuple(f"--{name}={text}" for name, text in said.items() if text)
         worker = Worker(replace(preferences.launch(), lesson=(*arguments, *options, "--json")))
         for message in ask(worker, cancelled=lambda: self.cancel_requested):
@@ -171,9 +171,8 @@ class Learning:
 
 
 def _told(card: object) -> list[str]:
-    """The sentences of a new model's card on where it comes from and what is unsure about it."""
-    if not isinstance(card, dict):
-        return []
-    source, warnings = card.get("source"), card.get("warnings")
-    told = [source] if isinstance(source, str) and source else []
-    return told + [each for each in warnings or () if isinstance(each, str)]
+    """What a new model's card says of where it comes from; its warnings have been said."""
+    source = card.get("source") if isinstance(card, dict) else None
+    # That of the encoder is the same for all.
+    told = source.partition(" Encoder: ")[0] if isinstance(source, str) else ""
+    return [told] if told else []

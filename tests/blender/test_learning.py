@@ -68,10 +68,10 @@ def test_a_material_becomes_a_model_of_the_list(home: Path):
     material, aged = scanned(), new_material("Clean")
     plane(aged)
     settings = bpy.context.window_manager.tvbrdf_lesson
-    settings.material, settings.title, settings.process = material, "My Door", "peeling"
+    settings.material, settings.title, settings.process = material, "My Door", "peeling_wood"
     assert bpy.ops.tvbrdf.learn() == {"FINISHED"}
     card = weights.read_card(home / "my_door.safetensors")
-    assert (card.name, card.title, card.process) == ("my_door", "My Door", "peeling")
+    assert (card.name, card.title, card.process) == ("my_door", "My Door", "peeling_wood")
     maps = set(card.description.split())
     assert {"BaseColor.exr", "Roughness.exr", "Normal.exr", "Displacement.exr"} <= maps
     assert aged.tvbrdf.ntm == "my_door"
