@@ -39,7 +39,7 @@ def account_of(
     are the latents of a measured material, where these were rolled out.
     """
     request = run.request
-    coefficients = None if live is None else live.coefficients + modeled.residue_count
+    coefficients = None if live is None else live.coefficients
     fit_error = 0.0 if start.fit is None else float(start.fit.error[0])
     return {
         "format": format,

@@ -230,6 +230,17 @@ class TestLive:
         truth = heights_of(tmp_path / "frames")[-1]
         assert np.abs(shown - truth).max() < 0.02 * np.abs(truth).max()
 
+    def test_histories_that_need_many_leave_room_for_grain(
+        self, tmp_path: Path, data_folder: Path, grained: str
+    ):
+        source = data_folder / "scans" / "Metal022"
+        told = run(source, tmp_path / "live", ntm=grained, binding="live", size=256)
+        assert told["binding"] == "live" and told["grain"] == 3
+        assert told["coefficients"] <= 12
+        curves = read_live(tmp_path / "live").curves
+        assert curves.shapes.shape[0] == told["coefficients"]
+        assert curves.shapes[-3:, -1].any((1,)).all()
+
     def test_what_the_exact_mapping_cannot_hold_with_its_grain_is_given_up(
         self, tmp_path: Path, grained: str
     ):

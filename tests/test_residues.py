@@ -107,6 +107,18 @@ def test_a_part_has_the_same():
     np.testing.assert_array_equal(heights(some, 0.7), heights(texels, 0.7)[rows])
 
 
+def test_where_there_is_little_room_the_grain_stays():
+    worn = torch.linspace(0, 1, 40)
+    own = residues()
+    shapes = torch.cat((torch.zeros(1, FRAMES, HEIGHT_PLACE + 1), own.shapes))
+    more = Residues(torch.cat((worn.half()[None], own.coefficients)), shapes, own.height, 3)
+    assert more.within(4) is more
+    less = more.within(3)
+    assert torch.equal(less.coefficients, own.coefficients)
+    assert torch.equal(less.shapes, own.shapes)
+    assert torch.equal(less.height, own.height)
+
+
 def test_curves_at_other_ages_are_straight_between_their_own():
     own, ages = residues(), torch.linspace(0, 1, 33)
     found = own.shapes_at(ages), own.height_at(ages)

@@ -68,7 +68,8 @@ def write_live(
     it can hold.
     """
     files: dict[str, Any] = {"curves": CURVES}
-    curves, residues = _with_residues(found.curves(), aged.residues), aged.residues
+    residues = aged.residues and aged.residues.within(MOST_COEFFICIENTS - len(found.shapes))
+    curves = _with_residues(found.curves(), residues)
     staged.write(CURVES, curves.packed(), depth="single")
     if timing is not None:
         files["timing"] = TIMING

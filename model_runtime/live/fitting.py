@@ -14,6 +14,7 @@ from ..channels import ALPHA, KD, KS, optics
 from ..maps import PrincipledMaps, TorranceSparrowMaps
 from ..modelling.compose import AgedTexels
 from ..modelling.palette import look, viewed
+from ..modelling.residues import Residues
 from ..states import joined
 from .low_rank import MOST_COEFFICIENTS, LowRank, at_ages, fit_low_rank
 
@@ -26,16 +27,18 @@ _WORST = 24.0  # dB by which the worst texel may miss what texels at random reac
 @dataclass(frozen=True)
 class Fitted:
     """A sum that is near enough, and how near: dB of "kd", "ks" and "roughness" in square-rooted
-    values, of texels at random at the worst age.
+    values, of texels at random at the worst age, without residues; and of these those for which it
+    leaves room.
     """
 
     sum: LowRank
     error_db: Mapping[str, float]
+    residues: Residues | None = None
 
     @property
     def coefficients(self) -> int:
         """How many a texel has."""
-        return len(self.sum.shapes)
+        return len(self.sum.shapes) + (0 if self.residues is None else len(self.residues.shapes))
 
 
 def fit_live(
@@ -54,7 +57,8 @@ def fit_live(
     """
     if not aged.histories.states.isfinite().all():
         return None
-    most = MOST_COEFFICIENTS - aged.residue_count
+    residues = aged.residues
+    most = MOST_COEFFICIENTS - (0 if residues is None else residues.grain)
     aged = replace(aged, residues=None)
     whole = fit_low_rank(aged)
     index, count = aged.palette.index, len(aged.initial)
@@ -82,7 +86,9 @@ def fit_live(
         states = found.at_ages(some.initial, some.palette.index)
         error = errors(states)
         if reached(error) >= asked and error.max() <= 10 ** ((_WORST - asked) / 10):
-            return Fitted(found, _error_db(truth[: len(random)], states[: len(random)]))
+            error_db = _error_db(truth[: len(random)], states[: len(random)])
+            room = MOST_COEFFICIENTS - coefficients
+            return Fitted(found, error_db, residues and residues.within(room))
     return None
 
 

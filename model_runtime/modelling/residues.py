@@ -95,6 +95,16 @@ class Residues:
         shapes = torch.einsum("ta,rac->rtc", ages, self.shapes)
         return replace(self, shapes=shapes, height=ages @ self.height)
 
+    def within(self, room: int) -> Residues:
+        """Those with at most so many coefficients, for which there is room for the grain: what is
+        worn then has the relief of the others.
+        """
+        assert room >= self.grain
+        if len(self.shapes) <= room:
+            return self
+        first = len(self.shapes) - self.grain
+        return replace(self, coefficients=self.coefficients[first:], shapes=self.shapes[first:])
+
     def select(self, rows: Tensor) -> Residues:
         """Only those of the texels `rows`."""
         if len(self.coefficients) == 0:
