@@ -72,11 +72,6 @@ class AgedTexels:
                 states[:, rows] = torch.from_numpy(band.at(time))
         return states.T
 
-    @property
-    def residue_count(self) -> int:
-        """How many coefficients a texel's residues have."""
-        return 0 if self.residues is None else len(self.residues.shapes)
-
     def averaged(self, ages: Tensor) -> AgedTexels:
         """Texels that show the mean over a source's timing instead of a time of their own.
 
@@ -109,7 +104,7 @@ class AgedTexels:
         order = np.argsort(onset, kind="stable")
         entry = self.palette.index[start:stop].numpy()
         own = None
-        if self.residues is not None and self.residue_count:
+        if self.residues is not None and len(self.residues.shapes):
             own = self.residues.coefficients[:, start:stop].numpy().take(order, 1)
         return AgedBand(
             order,
