@@ -14,12 +14,13 @@ from model_runtime.model_files.weights import MODELS, load_model, read_card, sav
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from tests.grained_model import write_grained_model
 
-RUST = MODELS / "rust.safetensors"
+PLAIN = MODELS / "char.safetensors"  # without grain or height
 
 
 @pytest.fixture(scope="module")
 def grained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_grained_model(tmp_path_factory.mktemp("model") / "grained.safetensors", side=64)
+    path = tmp_path_factory.mktemp("model") / "grained.safetensors"
+    return write_grained_model(path, bundled="char", side=64)
 
 
 def load(path: Path) -> NeuralTemporalModel:
@@ -39,10 +40,10 @@ def test_what_is_saved_can_be_read(grained: Path):
 
 
 def test_a_model_without_either_stays_of_version_1(tmp_path: Path):
-    ntm = load(RUST)
+    ntm = load(PLAIN)
     assert ntm.grain is None
     assert ntm.height is None
-    path = tmp_path / "rust.safetensors"
+    path = tmp_path / "plain.safetensors"
     save_model(path, ntm.tensors(), {**ntm.card.details, "version": 2}, kind="ntm")
     assert read_card(path).version == 1
 
