@@ -9,6 +9,7 @@ was and starts no other.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -120,8 +121,9 @@ def _apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
     elif arguments.size is not None:
         settings.size = arguments.size
     for name in (
-        "steps", "quality", "tolerance", "temporal_model", "seed", "binding", "format", "specular"
-    ):  # fmt: skip
+        *("steps", "quality", "tolerance", "temporal_model", "seed", "binding", "format"),
+        *("specular", "grain", "relief"),
+    ):
         if (value := getattr(arguments, name)) is not None:
             setattr(settings, name, value)
 
@@ -233,7 +235,15 @@ def _parser() -> argparse.ArgumentParser:
         metavar="auto|PX",
         help="longer side, of each UDIM tile; auto: what the cameras see",
     )
-    parser.add_argument("--tolerance", type=_decibels, metavar="DB", help="10 to 100 dB (45)")
+    parser.add_argument(
+        "--tolerance", type=_number(10, 100, " of dB"), metavar="DB", help="10 to 100 dB (45)"
+    )
+    parser.add_argument(
+        "--grain", type=_number(0, 1), metavar="SHARE", help="how much places differ, 0 to 1 (1)"
+    )
+    parser.add_argument(
+        "--relief", type=_number(0, 1), metavar="SHARE", help="how much it rises and sinks (1)"
+    )
     parser.add_argument(
         "--onset",
         metavar=f"auto|none|IMAGE|{ATTRIBUTE}NAME",
@@ -284,14 +294,19 @@ def _size(text: str) -> int | str:
     return text if text == AUTO else _whole(16, 8192)(text)
 
 
-def _decibels(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 10.0 <= value <= 100.0:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of dB from 10 to 100")
-    return value
+def _number(least: float, most: float, unit: str = ""):
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(
+                f"{text} is not a number{unit} from {least:g} to {most:g}"
+            )
+        return value
+
+    return number
 
 
 def register() -> None:

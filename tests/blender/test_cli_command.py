@@ -107,12 +107,14 @@ def test_what_was_asked_for_is_kept_in_the_material(folder: Path):
         *("--material", "Steel", "--ntm", "rust", "--frames", "5-9", "--steps", "3"),
         *("--quality", "draft", "--tolerance", "40", "--temporal-model", "affine"),
         *("--onset", "none", "--seed", "8", "--format", "as-authored", "--specular", "mono"),
+        *("--grain", "0.5", "--relief", "0"),
     ]
     assert main(words) == 0
     kept = bpy.data.materials["Steel"].tvbrdf
     assert (kept.frame_start, kept.frame_end, kept.steps, kept.seed) == (5, 9, 3, 8)
     assert (kept.quality, kept.tolerance, kept.temporal_model) == ("draft", 40.0, "affine")
     assert (kept.onset, kept.format, kept.specular) == ("none", "as-authored", "mono")
+    assert (kept.grain, kept.relief) == (0.5, 0.0)
 
 
 def test_the_start_is_an_image_or_an_attribute_inverted_or_not(folder: Path):
@@ -249,6 +251,8 @@ def test_only_a_file_is_saved_over(folder: Path, capfd):
         ["--material", "Steel", *USUAL, "--steps", "9" * 400],
         ["--material", "Steel", *USUAL, "--seed", "9" * 5000],
         ["--material", "Steel", *USUAL, "--tolerance", "nan"],
+        ["--material", "Steel", *USUAL, "--grain", "2"],
+        ["--material", "Steel", *USUAL, "--relief", "nan"],
         ["--material", "Steel", "--ntm", "rust", "--frames", "1-2147483648"],
         ["--material", "Steel", "--ntm", "rust", "--frames", "-9999999-5"],
     ],
