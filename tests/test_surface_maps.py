@@ -110,3 +110,15 @@ def test_large_maps_are_thinned_out(tmp_path, monkeypatch):
     atlas = read_surface(baked(tmp_path))
     assert atlas.size == (32, 32)
     assert atlas.area.sum() == pytest.approx(6, rel=0.1)
+
+
+def test_a_surface_is_read_once_until_its_files_change(tmp_path):
+    folder = baked(tmp_path)
+    first = read_surface(folder)
+    assert read_surface(folder) is first
+    pixels = np.where(first.covered[..., None], first.position + 1, 0)
+    write_vectors(folder / "position.exr", pixels, first.covered)
+    again = read_surface(folder)
+    assert again is not first
+    there = again.position + np.array(again.origin)
+    assert np.abs(there - first.position - 1)[first.covered].max() < 1e-5

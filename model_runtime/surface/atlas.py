@@ -37,9 +37,9 @@ class Places:
     position: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Atlas:
-    """Maps of a surface, [H, W] or [H, W, 3], as they were baked.
+    """Maps of a surface, [H, W] or [H, W, 3], as they were baked; none is ever changed.
 
     position: meters from `origin`; normal: unit; both 0 where nothing is covered
     covered: which texels a face shows, at least one of them

@@ -8,6 +8,7 @@ such lie to one side: then some faces are turned inside out.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,11 @@ class Graph:
         return (values + values[self.neighbor].sum(0, where=known)) / (1 + known.sum(0))
 
 
+@lru_cache(maxsize=1)
 def join(points: Points) -> Graph:
-    """The nearest neighbors of each point, of those that face alike and lie in reach."""
+    """The nearest neighbors of each point, of those that face alike and lie in reach; the last are
+    kept, as the points are.
+    """
     i, j = near_pairs(points.position, _REACH * points.spacing)
     apart = points.position[j] - points.position[i]
     length = np.maximum(np.linalg.norm(apart, axis=-1), 1e-3 * points.spacing)

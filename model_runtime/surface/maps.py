@@ -9,6 +9,7 @@ texel is covered where its alpha is above 0 and its place and normal are known.
 from __future__ import annotations
 
 import stat
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +67,8 @@ def _plain(stem: str) -> str:
 
 
 def read_surface(folder: Path) -> Atlas:
-    """The surface whose maps `folder` holds.
+    """The surface whose maps `folder` holds; the very same as long as none of their files changes
+    and no other is read.
 
     Raises InputError with what is wrong and what to do.
     """
@@ -75,6 +77,21 @@ def read_surface(folder: Path) -> Atlas:
         raise InputError(f"{shown(folder)} holds no position.exr and normal.exr.", _HINT)
     for file in files.values():
         _check(folder, file)
+    return _read(tuple((*item, _stamp(item[1])) for item in files.items()))
+
+
+def _stamp(file: Path) -> tuple[int, ...]:
+    """What differs between two versions of a file."""
+    status = file.stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
+
+
+@lru_cache(maxsize=1)
+def _read(found: tuple[tuple[str, Path, tuple[int, ...]], ...]) -> Atlas:
+    """The surface of these files, each with its name and stamp: an artist tries exposures on one
+    object, so that the last is kept.
+    """
+    files = {name: file for name, file, _ in found}
     position, alpha = _read_vectors(files["position"])
     normal, _ = _read_vectors(files["normal"])
     if normal.shape != position.shape:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ _TURN = np.linalg.qr(np.array([[0.9, 0.3, 0.2], [-0.35, 0.8, 0.4], [-0.1, -0.45,
 _DIRECTIONS = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Points:
     """Points [n] of a surface, sorted by `key`, and which of them stands for a place.
 
@@ -68,10 +69,12 @@ class Points:
         return np.where(self.key[point] == key, point, self._of_texel.take(places.baked))
 
 
+@lru_cache(maxsize=1)
 def sample(atlas: Atlas, count: int = POINTS) -> Points:
     """Points of a surface by a grid in space: of a cell and a direction faced, the mean.
 
-    Two sides of a sheet, however thin, are faced in two directions.
+    Two sides of a sheet, however thin, are faced in two directions. The last surface's are kept, as
+    `read_surface` keeps it.
     """
     total = atlas.area.sum(dtype=np.float64)
     wanted = round(np.log2(max(np.sqrt(_CELLS_A_POINT * total / count), 1e-9)) * _STEPS)
