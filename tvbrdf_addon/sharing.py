@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from .material.nodes.record import is_live, plays
+from .material.nodes.strengths import RELIEF, strength
 
 __all__ = ("GltfHook", "left_out")
 
@@ -30,8 +31,15 @@ class GltfHook:
         self, _gltf: Any, material: bpy.types.Material, export_settings: dict[str, Any]
     ) -> None:
         if plays(material) or is_live(material):
-            export_settings["log"].warning(
+            said = (
                 f"“{material.name}” changes over time, which glTF cannot show, and is exported "
-                "without textures: press Freeze at the frame to show, and export again.",
-                popup=True,
+                "without textures: press Freeze at the frame to show, and export again."
             )
+        elif strength(material, RELIEF) is not None:
+            said = (
+                f"“{material.name}” has relief, which glTF shows as a normal map alone, and is "
+                "exported without: bake one (Render > Bake > Normal) to have it."
+            )
+        else:
+            return
+        export_settings["log"].warning(said, popup=True)

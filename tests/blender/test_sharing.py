@@ -97,13 +97,15 @@ def test_auto_pack_counts_as_packed(aged):
     assert left_out(new_material("Not aged")) is None
 
 
-def test_gltf_of_what_the_shader_ages_is_told_and_soon_done(empty_scene, tmp_path):
+@pytest.mark.parametrize("relief", [False, True])
+def test_gltf_of_what_the_shader_ages_is_told_and_soon_done(empty_scene, tmp_path, relief):
     """The exporter follows every path through the nodes, unless something ends them."""
     bpy.ops.preferences.addon_enable(module="io_scene_gltf2")
     material = new_material()
     procedural(material)
     obj = plane(material)
-    folder = made_up_live(tmp_path / "live", count=6, size=(32, 32))
+    more = {"height": True, "grain": 3} if relief else {}
+    folder = made_up_live(tmp_path / "live", count=6, size=(32, 32), **more)
     bind(material, obj, folder, tmp_path)
     began = time.monotonic()
     _, said = exported(material, tmp_path)
@@ -113,5 +115,6 @@ def test_gltf_of_what_the_shader_ages_is_told_and_soon_done(empty_scene, tmp_pat
     material.tvbrdf.folder, material.tvbrdf.size = str(folder), 32
     freeze_live(material, obj, bpy.context.scene)
     made, said = exported(material, tmp_path)
-    assert not said
+    assert len(said) == relief
+    assert all("relief" in each for each in said)
     assert {"baseColorTexture", "metallicRoughnessTexture"} <= set(made["pbrMetallicRoughness"])
