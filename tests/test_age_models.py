@@ -199,7 +199,7 @@ class TestOnset:
         onset = np.repeat([[0.0, 0.5, 1.0]], 32, 0).repeat((16, 8, 8), 1).astype(np.float32)
         write_exr(tmp_path / "onset.exr", onset)
         source, name = (steel, "kd") if uniform else (paint, "base_color")
-        options = {} if uniform else {"size": 32}
+        options = {"grain": 0.0} if uniform else {"size": 32}
         run(source, tmp_path / "out", frames=5, onset=str(tmp_path / "onset.exr"), **options)
         values = frames_of(tmp_path / "out", name, 5)
         assert values.shape == (5, 32, 32, 3)
@@ -279,14 +279,15 @@ class TestSparse:
                     weight * read_image(tmp_path / "sparse" / file, color=name in COLORS)
                     for file, weight in mix
                 )
-                assert psnr(np.sqrt(truth[k]), np.sqrt(rebuilt)) >= tolerance - 0.1
+                seen = abs if name == "height" else np.sqrt  # which has a sign
+                assert psnr(seen(truth[k]), seen(rebuilt)) >= tolerance - 0.1
             np.testing.assert_array_equal(
                 read_image(tmp_path / "sparse" / f"{name}_0001.exr", color=name in COLORS),
                 truth[0],
             )
         assert set(contents(tmp_path / "sparse")) == used | {"aged.json"}
         if onset == "none":  # smooth in time: few frames say it all
-            assert len(used) < 4 * 12
+            assert len(used) < 12 * len(report["files"])
 
     def test_what_does_not_change_is_written_once(self, paint: Path, tmp_path: Path):
         report = run(

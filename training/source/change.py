@@ -36,7 +36,9 @@ one scan cannot tell, as it does not show what its weathered texels were before.
 
 _OWN = 32  # texels a side of the source's own clean ones
 _OTHERS = 40  # and of the patchwork of materials that the process may meet
-_LAST = 0.85  # what starts last has time to weather as far as its source did
+_SOONER, _LATE, _CLOSER = 0.95, 0.745, 0.4
+"""What starts last, closely one after the other, has time to weather as far as its source did."""
+
 _PATTERN = 128  # texels a side of the pattern that tells the statistics of the timing
 
 
@@ -131,4 +133,6 @@ def _weaker(change: Change, kept: float) -> float:
 def _timing(scale: float, process: str, seed: int) -> Timing:
     shape = (_PATTERN, _PATTERN)
     onset, rate = (pattern(process, shape, seed=seed) for pattern in (onset_map, rate_map))
-    return Timing.of(_LAST * onset, rate, scale=float(np.clip(scale, 0.01, 1)))
+    onset *= _SOONER
+    onset -= _CLOSER * np.maximum(onset - _LATE, 0)
+    return Timing.of(onset, rate, scale=float(np.clip(scale, 0.01, 1)))
