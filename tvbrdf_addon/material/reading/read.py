@@ -107,11 +107,7 @@ def read(
         space = subject.space
         of_maps = tuple(lost(subject.sockets, space, material, subject.frame))
         warnings = surprising(subject.place, space, material)
-        if size is None:
-            depsgraph = bpy.context.evaluated_depsgraph_get()
-            textures = all_the_cameras_see(material, space, scene, frames, depsgraph=depsgraph)
-        else:
-            textures = TextureSize(size, "")
+        textures = _as_seen(subject, frames) if size is None else TextureSize(size, "")
         users = [known(obj)] if space.kind == "uv" else showing(material, scene)
         tiles = tiles_of(subject.place.principled, space, material, users, subject.frame)
         looks = _looks(stack, subject, obj, users, timed=timed)
@@ -129,15 +125,14 @@ def read(
         sampling = _sampling(space, subject.groups, tiles)
         if shape and tiles.are_one:
             write_shape(subject, sizes.made, folder)
-        behind = subject.behind
-        maps, coverage = _maps(subject, target, sizes)
         if space.kind == "uv":
-            warnings += baked_badly(target, known(coverage))
-            warnings += shared(material, known(obj), scene, behind)
-        elif space.kind == "texture" and tiles.are_one:
-            coverage = _covered(looks, material, laid_out_by)
+            others = shared(material, known(obj), scene, subject.behind)
+            maps, coverage = _maps(subject, target, sizes)
+            warnings += [*baked_badly(target, known(coverage)), *others]
         else:
-            coverage = None
+            in_images = space.kind == "texture" and tiles.are_one
+            coverage = _covered(looks, material, laid_out_by) if in_images else None
+            maps, _ = _maps(subject, target, sizes)
     if coverage is not None and not coverage.all():
         write_exr(folder / "Coverage.exr", coverage)
     write_maps(folder, maps)
@@ -170,6 +165,14 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
         remove_unused(owned)
         if action and user_count(action) == 0:
             bpy.data.actions.remove(action)
+
+
+def _as_seen(subject: Subject, frames: tuple[int, int]) -> TextureSize:
+    """As large as the cameras see the material."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return all_the_cameras_see(
+        subject.material, subject.space, subject.scene, frames, depsgraph=depsgraph
+    )
 
 
 @dataclass(frozen=True)
