@@ -7,7 +7,7 @@ sky are what geometry says: how near an edge or another part is, and how far a f
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,13 @@ from numpy.typing import NDArray
 from model_runtime.surface.atlas import Atlas
 
 __all__ = (
+    "BOLTED",
+    "BOLTS",
     "Patch",
     "atlas_of",
     "ball",
+    "below_and_beside",
+    "bolted_wall",
     "box",
     "pipe",
     "quad",
@@ -149,3 +153,26 @@ def rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
         return (np.cumsum(count) - (count - 1) / 2)[inverse]
 
     return float(np.corrcoef(ranks(a), ranks(b))[0, 1])
+
+
+BOLTS = (0.3, 0.7)
+BOLTED = [
+    quad((0, 0, 1), (0, 0, -1), (1, 0, 0)),
+    *(patch for x in BOLTS for patch in ball((x, 0, 0.8), 0.03)),
+]
+"""A wall with two bolts, at these places along it."""
+
+
+def bolted_wall(size: int) -> Atlas:
+    """Maps of that wall, where the bolts are of iron and the wall hardly rusts."""
+    atlas = atlas_of(BOLTED, size)
+    late = np.where(np.abs(atlas.position[..., 1]) < 0.01, 0.5, 0) * atlas.covered
+    return replace(atlas, features=atlas.features | {"blocked": late.astype(np.float32)})
+
+
+def below_and_beside(atlas: Atlas) -> tuple[np.ndarray, np.ndarray]:
+    """Which texels of it lie a little below a bolt, and which at their height beside both."""
+    x, y, z = np.moveaxis(atlas.position, -1, 0)
+    away = np.min([np.abs(x - each) for each in BOLTS], 0)
+    low = atlas.covered & (np.abs(y) < 0.01) & (z < 0.7) & (z > 0.55)
+    return low & (away < 0.025), low & (away > 0.12)

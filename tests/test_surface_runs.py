@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -13,20 +11,13 @@ from model_runtime.surface.graph import join
 from model_runtime.surface.points import Points, sample
 from model_runtime.surface.runs import deposit
 from model_runtime.surface.timing import SurfaceTiming, surface_timing
-from model_runtime.temporal.processes import growth_of
-from tests.meshes import atlas_of, ball, quad
-
-BOLTS = (0.3, 0.7)
-WALL = [
-    quad((0, 0, 1), (0, 0, -1), (1, 0, 0)),
-    *(patch for x in BOLTS for patch in ball((x, 0, 0.8), 0.03)),
-]
+from tests.meshes import BOLTED, BOLTS, atlas_of, below_and_beside, bolted_wall, quad
 
 
 @pytest.fixture(scope="module")
 def wall() -> tuple[Points, np.ndarray]:
     """The points of a wall with two bolts, and how much has settled on each."""
-    points = sample(atlas_of(WALL, 512))
+    points = sample(atlas_of(BOLTED, 512))
     arrival = np.ones(len(points), np.float32)
     for x in BOLTS:
         arrival[np.linalg.norm(points.position - (x, 0, 0.8), axis=-1) < 0.035] = 0
@@ -57,17 +48,7 @@ def test_a_stain_grows_thinner_on_its_way_down(wall):
 
 @pytest.fixture(scope="module")
 def concrete() -> Atlas:
-    """The same wall, where the bolts are of iron and the wall hardly rusts."""
-    atlas = atlas_of(WALL, 256)
-    late = np.where(np.abs(atlas.position[..., 1]) < 0.01, 0.5, 0) * atlas.covered
-    return replace(atlas, features=atlas.features | {"blocked": late.astype(np.float32)})
-
-
-def below_and_beside(atlas: Atlas) -> tuple[np.ndarray, np.ndarray]:
-    x, y, z = np.moveaxis(atlas.position, -1, 0)
-    away = np.min([np.abs(x - each) for each in BOLTS], 0)
-    low = atlas.covered & (np.abs(y) < 0.01) & (z < 0.7) & (z > 0.55)
-    return low & (away < 0.025), low & (away > 0.12)
+    return bolted_wall(256)
 
 
 def timing_of(atlas: Atlas, runs: float, **settings) -> SurfaceTiming:
@@ -85,10 +66,10 @@ def test_what_is_below_starts_earlier_where_runs_count_and_later_where_they_wash
 def test_a_stain_is_what_is_young(concrete):
     """It shows below the bolts and nearly nowhere beside them, and never is as old as they are."""
     below, beside = below_and_beside(concrete)
-    found = timing_of(concrete, 1.0, amount=0.08)
+    young = 0.15
+    found = timing_of(concrete, 1.0, amount=0.08, stains=(0.0, young))
     age = found.rate * (1 - found.onset)
     assert age[below].mean() > 20 * age[beside].mean()
-    young = growth_of("rust", None).stain
     assert 0.25 * young < age[below].mean() < 1.1 * young
     bolts = concrete.covered & (concrete.position[..., 1] < -0.02)
     assert age[bolts].mean() > 3 * young

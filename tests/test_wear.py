@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from model_runtime.representation import load_representation
 from model_runtime.states import perceptual
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from model_runtime.temporal.onset import onset_map
-from model_runtime.temporal.wear import course_of
+from model_runtime.temporal.wear import course_of, stains_of
 from tests.aging import frames_of, run
 
 
@@ -98,3 +99,18 @@ def test_rust_of_a_scan_goes_on_and_never_gets_younger(data_folder: Path, tmp_pa
     assert all((after[worn] > first[worn] - 0.1).float().mean() > 0.95 for after in later)
     assert first[worn].mean() < later[-1][worn].mean()
     assert later[-1][worn].mean() > 0.95  # it has gone on to the end
+
+
+@pytest.mark.parametrize("name", ["rust", "patina", "moss", "soiling", "fading"])
+def test_a_stain_is_a_state_that_shows_and_is_young(name: str):
+    """The stronger it is the farther it has come, the strongest most of the way and half as old."""
+    ntm = ntm_of(name)
+    stains = stains_of(ntm)
+    assert stains[0] == 0 and all(a < b for a, b in pairwise(stains))
+    assert stains[-1] < 0.8
+    start = ntm.domain.centers[:64].square()
+    model = ntm.affine if ntm.chosen in ("constant", "affine") else ntm.parameters
+    seen = perceptual(model.rollout(start, ntm.frames))
+    gone = (seen - seen[:, :1]).norm(dim=-1).mean(0)
+    place = round(stains[-1] * (ntm.frames - 1))
+    assert 0.7 < float(gone[place] / gone[-1]) < 1

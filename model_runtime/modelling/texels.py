@@ -27,6 +27,7 @@ from ..surface.growth import WEAR
 from ..surface.timing import SurfaceTiming, surface_timing
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
+from ..temporal.wear import stains_of
 from .compose import AgedTexels
 from .residues import Residues
 from .rollout import fit_measured
@@ -197,4 +198,5 @@ def grown_timing(
         timing=ntm.timing,
         pattern_size=request.pattern_size,
         amount=request.amount,
+        stains=stains_of(ntm),
     )

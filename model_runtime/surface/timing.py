@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -31,6 +31,7 @@ _CHUNK = 1 << 16  # texels of a step
 _WORKERS = 2
 _COARSE = 4.0  # spacings of points: noise with cells longer than this is laid on them
 _WHITE = 0.999  # of what blocks: such texels never start
+_STAINS = (0.0, 0.1)
 _LEAST = np.float32(1e-3)
 _CURVE = np.linspace(0, 1, 11).round(1)  # times at which `aged.json` tells how much has started
 
@@ -179,14 +180,16 @@ def surface_timing(
     timing: Timing | None = None,
     pattern_size: float | None = None,
     amount: float = 1.0,
+    stains: Sequence[float] = _STAINS,
 ) -> SurfaceTiming:
     """The timing of a map of `size` of the surface that `atlas` shows.
 
     What the atlas knows as worn starts at once, and the pace is that of the others.
     `pattern_size` is the distance in meters at which onsets are about half as alike as one is to
     itself; None: that of the process, on a surface of this area. An `amount` of the surface ever
-    starts, 0 to 1. `timing` sets the pace, and the scale where no `pattern_size` does. The same
-    arguments give the same maps, and another size the same pattern.
+    starts, 0 to 1. `timing` sets the pace, and the scale where no `pattern_size` does. Stains of
+    ever more strength, in equal steps, end at the ages `stains`. The same arguments give the same
+    maps, and another size the same pattern.
     """
     points = sample(atlas)
     graph = join(points)
@@ -213,7 +216,7 @@ def surface_timing(
     waves = _Waves.of(growth, points, graph, arrival, down, chance=chance, texel=texel)
     covered = atlas.covered_at(size)
     laid = _Laid.of(waves, atlas, covered)
-    onset, rate = _paced(laid, waves, growth, timing, amount)
+    onset, rate = _paced(laid, waves, growth, timing, amount, stains)
     seen = Seen.of(atlas, onset)
     for rows in _chunks(size):
         beside, source = atlas.beside(covered, rows)
@@ -239,7 +242,12 @@ def _counted(atlas: Atlas, blocked: NDArray[np.bool_]) -> Array:
 
 
 def _paced(
-    laid: _Laid, waves: _Waves, growth: Growth, timing: Timing | None, amount: float
+    laid: _Laid,
+    waves: _Waves,
+    growth: Growth,
+    timing: Timing | None,
+    amount: float,
+    stains: Sequence[float],
 ) -> tuple[Array, Array]:
     """Onset and rate, in the place of the maps that are laid."""
     onset, rate, *down = laid.waves
@@ -255,16 +263,17 @@ def _paced(
         if down:
             sooner, stain = (each[part] for each in down)
             alone = waves.arrivals.paced(late + sooner, pace, alike=0.0, amount=amount)
-            rate[part] = _stained(onset[part], rate[part], alone, growth.stain * stain)
+            ends = np.interp(stain, np.linspace(0, 1, len(stains)), stains)
+            rate[part] = _stained(onset[part], rate[part], alone, ends.astype(np.float32))
         onset[part][laid.never[part]] = 1
     return onset, rate
 
 
-def _stained(onset: Array, rate: Array, alone: Array, stain: Array) -> Array:
+def _stained(onset: Array, rate: Array, alone: Array, ends: Array) -> Array:
     """The rate of what starts at `onset`, sooner than it would `alone`, as it is stained: it ends
-    at the age of its `stain`, or at that which it would have come to without, whichever is later.
+    at the age at which its stain `ends`, or at that which it would have come to without, if later.
     """
-    age = np.maximum(stain, rate * (1 - alone))
+    age = np.maximum(ends, rate * (1 - alone))
     slowed = (age / np.maximum(1 - onset, _LEAST)).clip(_LEAST, 1)
     return np.where(onset < alone, slowed, rate)
 

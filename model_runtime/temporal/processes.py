@@ -41,7 +41,6 @@ class Growth:
     mottling: float  # log-amplitude by which histories run slower in places
     scale: float  # distance at which its onsets are half alike, where a tile holds many of them
     pace: Pace = PACE
-    stain: float = 0.2  # age at which what is only stained by runs from elsewhere ends
 
     def zoomed(self, scale: float | None) -> Growth:
         """The same pattern, magnified until its onsets are half alike at the distance `scale`."""
@@ -72,7 +71,7 @@ _PROCESSES = {
     "rust": Growth(
         nuclei=700, clusters=(3, 3), cluster_delay=0.08, birth_spread=0.06,
         across=1.0, down=1.5, up=0.9, unevenness=0.5, grain=(12, 12), raggedness=0.022, gain=0.82,
-        mottling=0.5, scale=0.067, stain=0.1,
+        mottling=0.5, scale=0.067,
     ),
     # Green where rain runs: few sites, of which the last are late (long delays), that run down four
     # times as fast as across and hardly climb; noise four times as fine across as down makes

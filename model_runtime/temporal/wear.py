@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -12,7 +13,7 @@ from ..contract import AFFINE, CONSTANT
 from ..states import clamped, perceptual
 from .ntm import NeuralTemporalModel
 
-__all__ = ("Course", "course_of")
+__all__ = ("Course", "course_of", "stains_of")
 
 _MATERIALS = 192  # of those a model was trained on, which tell the course that all take
 _TOGETHER = 0.3  # spread of a course below which all materials look alike, of its whole way
@@ -23,6 +24,7 @@ _FADING = 0.5  # share of that distance over which texels are ever less on it
 _BEGINNING = 0.1  # age over which, after the earliest, they are ever more on it
 _MOSTLY = 0.75  # share of worn texels beyond which the others only look a little different
 _WIDER = 2.0
+_STAINED, _STRENGTHS = 0.85, 18  # of the way that materials go: how far the strongest stain is
 _CHUNK = 1 << 14
 _EXACT = "donot_use_mm_for_euclid_dist"
 
@@ -111,12 +113,7 @@ class Course:
 
 def course_of(ntm: NeuralTemporalModel) -> Course:
     """The course of the materials that `ntm` was trained on."""
-    chance = torch.Generator().manual_seed(0)
-    centers = ntm.domain.centers
-    some = centers[torch.randperm(len(centers), generator=chance)[:_MATERIALS]].square()
-    model = ntm.affine if ntm.chosen in (CONSTANT, AFFINE) else ntm.parameters
-    histories = model.rollout(some, ntm.frames)
-    seen = perceptual(histories)
+    seen = _typical(ntm)
     mean = seen.mean(0)
     spread = (seen - mean).square().sum(-1).mean(0).sqrt()
     way = float((mean[-1] - mean[0]).norm())
@@ -126,3 +123,25 @@ def course_of(ntm: NeuralTemporalModel) -> Course:
     first = max(first, min(gone, math.ceil(_EARLIEST * (ntm.frames - 1))))
     ages = torch.linspace(0, 1, ntm.frames)[first:]
     return Course(ages, mean[first:].square(), _NEAR * way)
+
+
+def stains_of(ntm: NeuralTemporalModel) -> tuple[float, ...]:
+    """Ages, from 0, at which those materials have gone ever more of their way on average, in equal
+    steps up to `_STAINED`: as whom stains of rising strength look.
+    """
+    seen = _typical(ntm)
+    gone = (seen - seen[:, :1]).norm(dim=-1).mean(0).cummax(0).values.numpy()
+    ages = np.linspace(0, 1, len(gone))
+    # A little rises with age, so that where nothing changes any more there is one answer.
+    shares = gone / max(float(gone[-1]), 1e-6) + 1e-3 * ages
+    return tuple(np.interp(np.linspace(0, _STAINED, _STRENGTHS), shares, ages).round(4).tolist())
+
+
+def _typical(ntm: NeuralTemporalModel) -> Tensor:
+    """Histories [P, T, C], perceptual, of some of the materials that `ntm` was trained on."""
+    chance = torch.Generator().manual_seed(0)
+    centers = ntm.domain.centers
+    some = centers[torch.randperm(len(centers), generator=chance)[:_MATERIALS]].square()
+    model = ntm.affine if ntm.chosen in (CONSTANT, AFFINE) else ntm.parameters
+    histories = model.rollout(some, ntm.frames)
+    return perceptual(histories)

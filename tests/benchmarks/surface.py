@@ -5,7 +5,8 @@
 Prints for three meshes of our own, and for each FOLDER of maps (position.exr, normal.exr, ...), the
 seam ratio of eight processes; the rank correlation of onset with each exposure alone (pattern 0.3);
 how much of what has turned by half time hangs together with where it began; by how much the
-coverage curve of another seed differs; and what 1024 x 1024 and 4096 x 4096 texels take.
+coverage curve of another seed differs; how much more is stained below than beside iron bolts on a
+wall; and what 1024 x 1024 and 4096 x 4096 texels take.
 """
 
 from __future__ import annotations
@@ -25,7 +26,15 @@ from model_runtime.surface.graph import arrival, join
 from model_runtime.surface.maps import read_surface
 from model_runtime.surface.points import sample
 from model_runtime.surface.timing import SurfaceTiming, surface_timing
-from tests.meshes import atlas_of, ball, box, pipe, rank_correlation
+from tests.meshes import (
+    atlas_of,
+    ball,
+    below_and_beside,
+    bolted_wall,
+    box,
+    pipe,
+    rank_correlation,
+)
 
 PROCESSES = ("rust", "patina", "char", "drying", "fading", "soiling", "yellowing", "moss")
 BLOCK = box((0, 0, 0.5), (1, 1, 1))
@@ -69,6 +78,16 @@ def connected(atlas: Atlas, size: int) -> float:
     return float(points.area[turned & reached].sum() / points.area[turned].sum())
 
 
+def stained(size: int) -> tuple[float, float]:
+    """The mean age at the end below the bolts of a wall, and beside them."""
+    wall = bolted_wall(size)
+    exposure = Exposure(runs=1.0, pattern=0.5)
+    found = surface_timing(wall, "rust", (size, size), seed=0, exposure=exposure, amount=0.08)
+    age = found.rate * (1 - found.onset)
+    below, beside = (float(age[part].mean()) for part in below_and_beside(wall))
+    return below, beside
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folders", nargs="*", type=Path)
@@ -86,6 +105,8 @@ def main() -> None:
             list(grown(atlas, "rust", size, seed).account["started"].values()) for seed in (1, 2)
         ]
         print(f"{name}: coverage of two seeds differs by {np.ptp(curves, axis=0).max():.4f}")
+    below, beside = stained(size)
+    print(f"stain below a bolt {below:.4f}, beside {beside:.4f} of age 1")
     atlas = atlas_of(MESHES["ball on a block"], 1024)
     for side in (1024, 4096):
         held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
