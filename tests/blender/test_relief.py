@@ -123,6 +123,19 @@ def test_at_age_0_nothing_is_changed_to_the_last_bit(tmp_path, kind, build):
     assert np.abs(aged - old).max() > 0.01
 
 
+@pytest.mark.parametrize("build", [procedural, bumpy, displaced])
+def test_nor_is_it_between_texels(tmp_path, build):
+    """Against the material before: no rounding error starts what has not started."""
+    view_from_above()
+    add_sun((0.7, 0.3, -1.0))
+    material = new_material()
+    build(material)
+    obj = plane(material)
+    before = render(tmp_path / "a.exr", size=96, samples=2)
+    bind(material, obj, grained(tmp_path / "live", size=(64, 64)), tmp_path)
+    np.testing.assert_array_equal(render(tmp_path / "a.exr", size=96, samples=2), before)
+
+
 @pytest.mark.parametrize("kind", FORMATS)
 @pytest.mark.parametrize("build", [procedural, awkward, bumpy, displaced, in_nested_groups])
 def test_revert_leaves_nothing(tmp_path, kind, build):

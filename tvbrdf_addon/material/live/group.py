@@ -44,8 +44,10 @@ _OUTPUTS = {
 
 _UNTIL = "As authored until something ages"
 
-_HALF_ZERO = 2.0**-15
-"""What Cycles makes of 0 in an image of half floats: so small a local age is none."""
+_HALF_ZERO = 1.001 * 2.0**-15
+"""What Cycles makes of 0 in an image of half floats, and a little, by which it misses that between
+texels: so small a local age is none.
+"""
 
 
 def outputs_of(maps: LiveFiles) -> dict[str, str]:
