@@ -28,6 +28,7 @@ __all__ = (
     "EVERYWHERE",
     "EXACT",
     "EXPOSURES",
+    "FARTHEST_START",
     "FORMATS",
     "FRAMES",
     "HEIGHT",
@@ -70,6 +71,7 @@ __all__ = (
     "is_result_file",
     "option",
     "staging_places",
+    "start_places",
 )
 
 PROTOCOL = 1
@@ -190,6 +192,7 @@ class AgeRequest:
     exposure: str | None = None
     pattern_size: float | None = None
     amount: float = 1.0
+    starts: str | None = None
     grain: float = 1.0
 
 
@@ -214,6 +217,10 @@ MOST_DB = 1000
 
 SHORTEST_PATTERN, LONGEST_PATTERN = 1e-6, 1e6
 """What its pattern size may be, in meters."""
+
+
+FARTHEST_START = 1e7
+"""How far, in meters along each axis, a place where it starts may lie from the world's origin."""
 
 
 EXPOSURES: Mapping[str, Told] = {
@@ -249,6 +256,22 @@ def exposure_weights(text: str) -> dict[str, float]:
             raise ValueError(f"{part.strip()} is not like edges=0.5") from None
     check_exposure(weights)
     return weights
+
+
+def start_places(text: str) -> list[tuple[float, float, float]]:
+    """The places, in meters of the world, of a request's starts, `X,Y,Z;...`; ValueError for
+    anything else.
+    """
+    found = []
+    for part in filter(None, map(str.strip, text.split(";"))):
+        try:
+            x, y, z = map(float, part.split(","))
+        except ValueError:
+            raise ValueError(f"{part} is not like 0.5,-1,2") from None
+        if not all(abs(each) <= FARTHEST_START for each in (x, y, z)):  # NaN included
+            raise ValueError(f"{part} is too far away")
+        found.append((x, y, z))
+    return found
 
 
 CPU: Final = "cpu"

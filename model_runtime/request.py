@@ -24,6 +24,7 @@ from .contract import (
     exposure_weights,
     is_device,
     option,
+    start_places,
 )
 from .errors import ModelFileError, TvbrdfError, UsageError, reason, shown
 from .memory import check_limits, memory_in_words
@@ -87,7 +88,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     for name in ("input", "ntm", "output"):
         if not isinstance(given.get(name), str) or not given[name]:
             raise UsageError(f"The setting {name} is missing.", "Give it as text.")
-    for name in ("onset", "device", "surface", "exposure", *CHOICES):
+    for name in ("onset", "device", "surface", "exposure", "starts", *CHOICES):
         if name in given and not isinstance(given[name], str):
             raise UsageError(f"The setting {name} must be text, not {shown(given[name])}.")
     for name, choices in CHOICES.items():
@@ -149,6 +150,13 @@ def _check_growth(given: dict[str, Any]) -> None:
             f"{option('timing_apart')} needs a surface for its layout, and a live material.",
             f"Give {option('surface')} and {option('binding')} live, and no {option('onset')}.",
         )
+    try:
+        start_places(given.get("starts", ""))
+    except ValueError as error:
+        raise UsageError(
+            f"{option('starts')} cannot be read: {shown(error)}.",
+            "Write each place as X,Y,Z in meters of the world, with a ; in between.",
+        ) from error
     try:
         exposure_weights(given.get("exposure", ""))
     except ValueError as error:

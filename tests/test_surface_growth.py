@@ -172,3 +172,16 @@ def test_what_is_masked_white_never_starts_and_what_is_gray_starts_late(block):
     free, gray = (onset[block.covered & (mask == level)] for level in (0, 0.5))
     assert free.max() < 1
     assert gray.mean() > free.mean() + 0.2
+
+
+@pytest.mark.parametrize("pattern", [0.0, 1.0])
+def test_where_it_is_told_to_start_it_starts_and_spreads(block, pattern):
+    """Near a corner on top, in meters of the world."""
+    place = np.array((0.3, 0.3, 1.0))
+    exposure = Exposure(pattern=pattern)
+    far = replace(block, origin=(8.0, 0.0, 0.0))
+    starts = [tuple((place + far.origin).tolist())]
+    onset = onset_of(far, exposure=exposure, starts=starts).onset[block.covered]
+    away = np.linalg.norm(block.position[block.covered] - place, axis=-1)
+    assert onset[away < 0.03].max() < np.quantile(onset, 0.05)
+    assert onset[away < 0.1].mean() < 0.6 * onset.mean()

@@ -53,6 +53,7 @@ def asked(settings: Any) -> dict[str, Any]:
         "exposure": ",".join(weights) if settings.use_own_exposure else None,
         "pattern_size": settings.pattern_size or None,
         "amount": settings.amount,
+        "starts": settings.starts or None,
     }
 
 
@@ -67,6 +68,11 @@ def draw(layout: bpy.types.UILayout, settings: Any) -> None:
     column.prop(settings, "seed")
     column.prop(settings, "amount", slider=True)
     column.prop(settings, "use_alike")
+    row = column.row(align=True)
+    row.operator("tvbrdf.start_here", icon="CURSOR")
+    count = settings.starts.count(";") + 1 if settings.starts else 0
+    if count:
+        row.operator("tvbrdf.start_anywhere", text=f"Forget {count}", icon="X")
 
 
 CLASSES = (TVBRDF_PG_exposure,)

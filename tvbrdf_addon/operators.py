@@ -227,6 +227,39 @@ class TVBRDF_OT_look(_Ages, bpy.types.Operator):
     done = "The picture shows where {} starts to age"
 
 
+class TVBRDF_OT_start_here(_OnMaterial, bpy.types.Operator):
+    """Let aging start at the 3D cursor before anywhere else; Shift and right click put it there"""
+
+    bl_idname = "tvbrdf.start_here"
+    bl_label = "Start at 3D Cursor"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            material, scene = self.target(context)
+        except SettingsError as error:
+            return self.refuse(error)
+        place = ",".join(f"{each:.4f}" for each in scene.cursor.location)
+        settings = material.tvbrdf
+        settings.starts = ";".join(filter(None, (settings.starts, place)))
+        return {"FINISHED"}
+
+
+class TVBRDF_OT_start_anywhere(_OnMaterial, bpy.types.Operator):
+    """Forget the places at which aging was to start"""
+
+    bl_idname = "tvbrdf.start_anywhere"
+    bl_label = "Forget Starts"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            self.target(context).material.tvbrdf.starts = ""
+        except SettingsError as error:
+            return self.refuse(error)
+        return {"FINISHED"}
+
+
 class TVBRDF_OT_cancel(bpy.types.Operator):
     """End the run; the material stays as it is"""
 
@@ -331,6 +364,8 @@ CLASSES = (
     TVBRDF_OT_age_material,
     TVBRDF_OT_bake_frames,
     TVBRDF_OT_look,
+    TVBRDF_OT_start_here,
+    TVBRDF_OT_start_anywhere,
     TVBRDF_OT_cancel,
     TVBRDF_OT_revert,
     TVBRDF_OT_freeze,

@@ -287,6 +287,11 @@ class TVBRDF_PG_material(Strengths, bpy.types.PropertyGroup):
         max=1.0,
         subtype="FACTOR",
     )
+    starts: bpy.props.StringProperty(
+        name="Starts",
+        description="Places in the world where aging starts before anywhere else, X,Y,Z in meters, "
+        "with a ; in between",
+    )
     use_alike: bpy.props.BoolProperty(
         name="Mirrored Alike",
         description=(

@@ -36,8 +36,8 @@ __all__ = ("Models", "Start", "read_start", "wear_of")
 _LOOKED_AT = 1 << 16  # texels, evenly spaced, that tell whether there is wear at all
 _LEAST_WEAR = 0.01  # share of them
 _NO_SURFACE = (
-    "Exposure, pattern size and amount say how aging grows over a surface, and count for nothing "
-    "without one or where an onset is given."
+    "Exposure, starts, pattern size and amount say how aging grows over a surface, and count for "
+    "nothing without one or where an onset is given."
 )
 
 
@@ -166,7 +166,7 @@ def _timing(
     """When and how fast texels age, [H, W] each, and what `aged.json` says of their surface."""
     request = run.request
     if atlas is None or not _grows(run, ntm):
-        if request.exposure or request.pattern_size or request.amount < 1:
+        if request.exposure or request.pattern_size or request.starts or request.amount < 1:
             run.warn(_NO_SURFACE)
         return *timing_maps(request, ntm, size, worn), {}
     found = grown_timing(request, ntm, size, atlas, exposure, worn)

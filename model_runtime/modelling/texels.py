@@ -14,7 +14,7 @@ from torch import Tensor
 from ..brdf import principled
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.refinement import SeenFit
-from ..contract import AUTO, EVERYWHERE, AgeRequest, exposure_weights
+from ..contract import AUTO, EVERYWHERE, AgeRequest, exposure_weights, start_places
 from ..errors import InputError, ModelFileError, shown
 from ..images import read_image
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
@@ -199,4 +199,5 @@ def grown_timing(
         pattern_size=request.pattern_size,
         amount=request.amount,
         stains=stains_of(ntm),
+        starts=start_places(request.starts or ""),
     )

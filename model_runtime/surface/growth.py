@@ -35,6 +35,7 @@ _EASE = 1.2  # log-speed, likewise
 _HEAD_START = 1.6  # of births, likewise, in times that the process takes from nucleus to nucleus
 _OWN = 1.5  # by how many of these times a point is born later where there is no nucleus
 _LEAST_CHANCE = 0.1
+_AHEAD = 2.0  # times from nucleus to nucleus that it starts earlier where it is told to
 _OCTAVES = 3
 
 
@@ -75,10 +76,12 @@ def grow(
     exposure: Exposure,
     known: Mapping[str, Array],
     chance: Chance,
+    starts: NDArray[np.int64],
 ) -> Array:
     """Arrival times [n], in units of what speed 1 needs to cross a unit.
 
     `known` features [n] of the points, 0 to 1, count by their weights in `exposure`.
+    It begins at the points `starts` [k] before anywhere else.
     """
     susceptibility = exposure.susceptibility(known)
     patches = chance.noise("patches", growth.clusters, 0.5)
@@ -98,11 +101,16 @@ def grow(
     births = exposure.pattern * births - _HEAD_START * usual * susceptibility
     if WEAR in known and exposure.wear > 0:
         births = np.where(known[WEAR] > 0.5, births.min(), births)
+    pace = np.float32(max(exposure.pattern, _LEAST_CHANCE))
+    births[starts] = births.min() - _AHEAD * usual / pace
 
-    slowness = np.exp(
-        exposure.pattern * growth.unevenness * uneven.at(points.position, 0, _OCTAVES)
-        - _EASE * susceptibility
-    ) / np.float32(max(exposure.pattern, _LEAST_CHANCE))
+    slowness = (
+        np.exp(
+            exposure.pattern * growth.unevenness * uneven.at(points.position, 0, _OCTAVES)
+            - _EASE * susceptibility
+        )
+        / pace
+    )
     return arrival(
         graph,
         births.astype(np.float32),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -59,6 +60,15 @@ class Points:
         point, texel, area = self.pieces
         total = np.bincount(point, area * pixels.reshape(-1).take(texel), len(self))
         return (total / np.bincount(point, area, len(self))).astype(np.float32)
+
+    def nearest(
+        self, places: Sequence[tuple[float, float, float]], origin: tuple[float, float, float]
+    ) -> Index:
+        """The point that lies nearest to each place, in meters of the world, in which the atlas's
+        `origin` lies there: [k].
+        """
+        apart = [self.position - np.subtract(each, origin).astype(np.float32) for each in places]
+        return np.array([np.square(each).sum(-1).argmin() for each in apart], np.int64)
 
     def at(self, places: Places) -> NDArray[np.int32]:
         """The point that stands for each place, or for the baked texel that it follows from."""

@@ -181,6 +181,7 @@ def surface_timing(
     pattern_size: float | None = None,
     amount: float = 1.0,
     stains: Sequence[float] = _STAINS,
+    starts: Sequence[tuple[float, float, float]] = (),
 ) -> SurfaceTiming:
     """The timing of a map of `size` of the surface that `atlas` shows.
 
@@ -188,8 +189,9 @@ def surface_timing(
     `pattern_size` is the distance in meters at which onsets are about half as alike as one is to
     itself; None: that of the process, on a surface of this area. An `amount` of the surface ever
     starts, 0 to 1. `timing` sets the pace, and the scale where no `pattern_size` does. Stains of
-    ever more strength, in equal steps, end at the ages `stains`. The same arguments give the same
-    maps, and another size the same pattern.
+    ever more strength, in equal steps, end at the ages `stains`. It begins at the places `starts`,
+    in meters of the world, before anywhere else. The same arguments give the same maps, and another
+    size the same pattern.
     """
     points = sample(atlas)
     graph = join(points)
@@ -201,7 +203,9 @@ def surface_timing(
         unit = pattern_size / growth.scale
     chance = Chance(process, seed, unit)
     known = features(atlas, points, graph)
-    arrival = grow(growth, points, graph, exposure=exposure, known=known, chance=chance)
+    begin = points.nearest(starts, atlas.origin)
+    how = {"exposure": exposure, "known": known, "chance": chance, "starts": begin}
+    arrival = grow(growth, points, graph, **how)
     down = None
     if exposure.runs:
         settled = deposit(

@@ -6,7 +6,7 @@ import bpy
 import pytest
 
 from tests.blender.material_cases import new_material
-from tvbrdf.model_runtime.contract import exposure_weights
+from tvbrdf.model_runtime.contract import exposure_weights, start_places
 from tvbrdf.tvbrdf_addon.exposure import asked
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
@@ -14,7 +14,8 @@ pytestmark = pytest.mark.usefixtures("empty_scene")
 
 def test_the_model_decides_until_the_artist_does():
     settings = new_material().tvbrdf
-    assert asked(settings) == {"exposure": None, "pattern_size": None, "amount": 1.0}
+    usual = {"exposure": None, "pattern_size": None, "amount": 1.0, "starts": None}
+    assert asked(settings) == usual
     settings.ntm = "moss"
     settings.use_own_exposure = True
     weights = exposure_weights(asked(settings)["exposure"])
@@ -36,3 +37,14 @@ def test_what_is_painted_or_everywhere_asks_for_nothing():
 def test_the_panel_has_a_place_for_it():
     for name in ("NODE_PT_tvbrdf_start", "MATERIAL_PT_tvbrdf_start"):
         assert getattr(bpy.types, name).bl_label == "Where It Starts"
+
+
+def test_where_the_cursor_is_it_starts(empty_scene):
+    material = bpy.data.materials.new("Paint")
+    for place in ((1, 2, 0.5), (-1, 0, 0)):
+        bpy.context.scene.cursor.location = place
+        assert bpy.ops.tvbrdf.start_here(material="Paint") == {"FINISHED"}
+    request = asked(material.tvbrdf)
+    assert start_places(request["starts"]) == [(1, 2, 0.5), (-1, 0, 0)]
+    bpy.ops.tvbrdf.start_anywhere(material="Paint")
+    assert asked(material.tvbrdf)["starts"] is None
