@@ -67,7 +67,7 @@ def test_growth_follows_the_surface_and_says_so(steel, surface, tmp_path):
 
 def test_what_an_artist_asks_for_is_done(steel, surface, tmp_path):
     options = ["--exposure", "ground=1,edges=0,crevices=0,sky=0,runs=0,pattern=0.2"]
-    options += ["--amount", "0.5", "--pattern-size", "0.1", "--starts", "0,0,1;0.5,0.2,0"]
+    options += ["--amount", "0.5", "--pattern-size", "0.1", "--starts", "0,0,0;0.5,0.2,0"]
     told = aged(steel, tmp_path / "out", "--surface", str(surface), *options)
     assert told["surface"]["exposure"]["ground"] == 1
     assert told["surface"]["pattern_size"] == 0.1
