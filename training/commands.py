@@ -188,7 +188,9 @@ def weathering(
 
 @app.command
 def evaluate(
-    what: tyro.conf.Positional[Literal["representation", "synthesis", "pareto", "stability"]],
+    what: tyro.conf.Positional[
+        Literal["representation", "synthesis", "pareto", "stability", "realism"]
+    ],
     output: Path,
     pixels: int = 64,
     methods: tuple[str, ...] = (),
@@ -199,14 +201,14 @@ def evaluate(
 
     Args:
         what: the PSNR of BRDF representations on every set of materials, or of models of change on
-            every case of synthesis; speed against accuracy, and the time and memory of aging; or
-            under which stresses methods fail.
+            every case of synthesis; speed against accuracy, and the time and memory of aging;
+            under which stresses methods fail; or how far from real ones weathered textures look.
         output: the folder to write; what is finished there is not done again.
         pixels: width of the rendered spheres (fewer is faster and rougher); pareto ages maps 16
-            times as wide.
+            times as wide, and realism has sizes of its own.
         methods: only these (ours, paper, brdfnps, nbrdf, stt, ...); all by default.
         cases: of synthesis, only these (s1_a0.6_b0.05, s3, real_tvbtf45, ...), or only these
-            stresses; all by default.
+            stresses, or targets of realism; all by default.
         json: print the report on stdout as JSON instead of a table.
     """
     from .data.location import data_folder
@@ -224,7 +226,7 @@ def evaluate(
         from .evaluation.representation.report import main_table
 
         if cases:
-            raise UsageError("Only synthesis and stability have cases.", "Leave out --cases.")
+            raise UsageError("Representation has no cases.", "Leave out --cases.")
         chosen = methods or None
         report = evaluate_representation(data_folder(), output, pixels=pixels, methods=chosen)
         table = main_table(report)
@@ -236,6 +238,14 @@ def evaluate(
             data_folder(), output, methods=methods or None, stresses=cases or None
         )
         table = stability_table(report, STRESSES)
+    elif what == "realism":
+        from .evaluation.realism.evaluate import evaluate_realism
+        from .evaluation.realism.report import tables
+
+        report = evaluate_realism(
+            data_folder(), output, methods=methods or None, targets=cases or None
+        )
+        table = tables(report)
     else:
         from .evaluation.synthesis.evaluate import evaluate_synthesis
         from .evaluation.synthesis.report import tables

@@ -1,0 +1,1 @@
+"""`evaluate realism`: whether what grows looks like what really grew."""

@@ -1,0 +1,54 @@
+"""The report `realism` for readers: `realism.md`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from ..bench.results import image, table
+from .results import RealismReport
+
+__all__ = ("page", "tables")
+
+_MARKS = {True: "yes", False: "**no**", None: ""}
+
+_ABOUT = """\
+Distances are sliced Wasserstein distances between what VGG16 sees in two pictures (pixels and the \
+features after conv1_2, 2_2, 3_3 and 4_3; 64 directions; each in standard deviations of both \
+together; their mean): 0 for the same picture, 0.03 to 0.07 for two parts of one scan, about 1 for \
+its mean color.
+
+- **Scans**: methods learn from the left half and age a material that was quilted of what is clean \
+there. *Fully*: the last picture against those places of the right half that see nothing but what \
+is weathered. *Half way* (`_half`): the picture whose mean color is that of the right half, \
+against all of it.
+- **Metals**: the bundled rust, against other scans of rust, and half way against the right half \
+of Metal022.
+- *ours* is `training learn` and `age`; *ours_v1* are the formulas that the models of the release \
+before had learned, themselves; *crossfade* fades to the source's mean weathered color; *stt* and \
+*paper* learn from the sequence that `training scan` writes, in which neighbors are no neighbors; \
+the paper's texels are aged 256 distinct ones at a time. *same_scan* and *other_scan* are scans.
+- Seconds are those of a core, to age the material; learning comes on top.
+"""
+
+
+def page(report: RealismReport, drawn: Iterable[Path]) -> list[str]:
+    """The paragraphs of `realism.md`, with the pictures `drawn` beside it."""
+    pictures = [image(path.name, path.stem.replace("_", " ")) for path in drawn]
+    return ["# Realism", _ABOUT, tables(report), "## Pictures", *pictures]
+
+
+def tables(report: RealismReport) -> str:
+    """The figures that were asked for, and the distances of all methods, in Markdown."""
+    rows = [[f.name, f.asked, f.measured, _MARKS[f.met]] for f in report.figures]
+    return "\n\n".join((table(("figure", "asked", "measured", "met"), rows), _distances(report)))
+
+
+def _distances(report: RealismReport) -> str:
+    names = report.settings["methods"]
+    rows = []
+    for name, target in report.targets.items():
+        found = target.methods
+        cells = [f"{found[each].distance:.3f}" if each in found else "" for each in names]
+        rows.append([name, *cells])
+    return table(("target", *names), rows)
