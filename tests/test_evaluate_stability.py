@@ -52,8 +52,8 @@ class TestStresses:
     def test_everything_that_was_asked_for_is_there(self):
         asked = """roughness_gap color_gap alpha_small alpha_large ks_above_1 albedo_zero
             albedo_above_1 foreign_mixed foreign_part rollout resampled samples noise bits jpeg
-            precision nan infinite negative broken_texel palette source_frames source_gap
-            source_flicker source_outlier restart"""
+            precision nan infinite negative broken_texel palette iridescence source_frames
+            source_gap source_flicker source_outlier restart"""
         assert set(asked.split()) == set(STRESSES)
 
     def test_severities_are_different_and_methods_known(self):
@@ -81,6 +81,26 @@ class TestStresses:
             if (given := jpeg.make(setup, quality).given) is not None
         ]
         assert errors[0] < 0.02 < 5 * errors[0] < errors[-1]
+
+
+@pytest.fixture(scope="module")
+def measured(data_folder: Path, tmp_path_factory: pytest.TempPathFactory):
+    folder, methods = tmp_path_factory.mktemp("measured"), ("ours", "paper", "lstm_latents")
+    report = evaluate(data_folder, folder, stresses=("iridescence",), methods=methods)
+    return report.stresses["iridescence"]
+
+
+@pytest.mark.slow
+class TestMeasured:
+    def test_latents_hold_what_no_encoder_knows(self, measured):
+        for share, ours in measured["lstm_latents"].outcomes.items():
+            assert ours.psnr > max(25, measured["paper"].outcomes[share].psnr), share
+
+    def test_what_maps_do_not_hold_is_said(self, measured):
+        for outcome in measured["ours"].outcomes.values():
+            assert outcome.psnr > 18
+        assert measured["ours"].noticed is not False
+        assert measured["ours"].outcomes[1.0].said
 
 
 class TestResults:

@@ -27,7 +27,7 @@ from .targets import HalvedScan
 
 __all__ = ("Aging", "Learned", "Source", "nearest_in_mean")
 
-_VERSION = "1"
+_VERSION = "2"
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Source:
     @cached_property
     def made_from(self) -> str:
         """What identifies it."""
-        return identity(self.scan.made_from, hash_file(ENCODER), _VERSION)
+        return identity(self.scan.made_from, hash_file(ENCODER))
 
     @cached_property
     def sequence(self) -> Sequence:
@@ -106,7 +106,8 @@ class Aging:
         def make() -> dict[str, Tensor]:
             found = self._age(method, clean(), source, ntm)
             tensors = {
-                "pictures": torch.from_numpy(np.rint(255 * found.pictures).astype(np.uint8)),
+                "pictures": _bytes(found.pictures),
+                "end": _bytes(found.end),
                 "seconds": torch.tensor(found.seconds),
             }
             if found.heights is not None:
@@ -114,14 +115,15 @@ class Aging:
             return tensors
 
         used = hash_file(ntm) if method == "ours" else str(self.effort)
-        made_from = identity(key, source.made_from, used, f"{self.times} {self.size}")
+        made_from = identity(key, source.made_from, used, f"{self.times} {self.size} {_VERSION}")
         path = self.folder / f"aged_{key}_{method}.safetensors"
         stored = kept(path, made_from, make)
         heights = stored.get("heights")
-        pictures = stored["pictures"].numpy().astype(np.float32) / 255
-        return Aged(
-            pictures, None if heights is None else heights.numpy(), float(stored["seconds"])
+        pictures, end = (
+            stored[name].numpy().astype(np.float32) / 255 for name in ("pictures", "end")
         )
+        raised = None if heights is None else heights.numpy()
+        return Aged(pictures, end, raised, float(stored["seconds"]))
 
     def _age(self, method: str, clean: PrincipledMaps, source: Source, ntm: Path) -> Aged:
         shape = (self.times, self.size)
@@ -136,6 +138,10 @@ class Aging:
         assert method == "paper"
         models = SourceModels(self.folder, self.effort)
         return papers(clean, source.sequence, *shape, models, source.key)
+
+
+def _bytes(pictures: Array) -> Tensor:
+    return torch.from_numpy(np.rint(255 * pictures).astype(np.uint8))
 
 
 def nearest_in_mean(pictures: Array, target: Array) -> int:

@@ -38,6 +38,7 @@ TARGETS = (*SCANS, *METALS, "relief", "spots")
 
 _RUST = "rust"
 _RUSTED = "Metal022"
+_DEEP = 6.0  # texels from the border, from where on hardly anything changes
 _EFFORT = Effort(rival_texels=64)
 
 Shown = dict[str, Picture]
@@ -173,10 +174,7 @@ def _metal(bench: _Bench, name: str) -> dict[str, Target]:
 
 
 def _at_end(aged: Mapping[str, Aged]) -> Shown:
-    return {
-        name: Picture(each.pictures[-1], time=1.0, seconds=each.seconds)
-        for name, each in aged.items()
-    }
+    return {name: Picture(each.end, time=1.0, seconds=each.seconds) for name, each in aged.items()}
 
 
 def _at_mean(aged: Mapping[str, Aged], truth: np.ndarray) -> Shown:
@@ -194,8 +192,8 @@ def _whole(half: Half) -> Picture:
 
 
 def _weathered(half: Half) -> Picture:
-    """Only places that see what is weathered."""
-    return Picture(half.picture, half.depth)
+    """Only places that see nothing but what has weathered for good."""
+    return Picture(half.picture, half.depth - _DEEP)
 
 
 def _halves(data: Path, name: str, size: int) -> tuple[Picture, Picture]:

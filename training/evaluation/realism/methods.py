@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from model_runtime.age import AgeRequest
 from model_runtime.brdf import principled
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
-from model_runtime.contract import FRAMES, PRINCIPLED, frame_file
+from model_runtime.contract import EVERYWHERE, FRAMES, PRINCIPLED, AgeRequest, frame_file
 from model_runtime.images import read_image, write_exr
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.modelling.palette import build_palette
@@ -48,11 +47,13 @@ _TOGETHER = 8
 
 @dataclass(frozen=True)
 class Aged:
-    """Base colors [T, H, W, 3] (sRGB) of a material at T times from 0 to 1, heights [T, H, W] in
-    sides of the material where they change, and the seconds that it took.
+    """Base colors [T, H, W, 3] (sRGB) of a material at T times from 0 to 1, and once all of it has
+    weathered for good, `end` [H, W, 3]; heights [T, H, W] in sides of the material where they
+    change; the seconds that it took.
     """
 
     pictures: Array
+    end: Array
     heights: Array | None
     seconds: float
 
@@ -65,6 +66,7 @@ def ours(clean: PrincipledMaps, ntm: str, times: int, size: int) -> Aged:
         _write(clean, source)
         request = AgeRequest(source, ntm, output, frames=times, format=PRINCIPLED, binding=FRAMES)
         report = age_silently(request)
+        seconds = time.process_time() - start
         pictures, heights = [], []
         for k in range(times):
             color = read_image(output / frame_file("base_color", k), color=True)
@@ -72,8 +74,11 @@ def ours(clean: PrincipledMaps, ntm: str, times: int, size: int) -> Aged:
             if "height" in report["files"]:
                 height = read_image(output / frame_file("height", k), color=False)
                 heights.append(height[:size, :size])
-    seconds = time.process_time() - start
-    return Aged(np.stack(pictures), np.stack(heights) if heights else None, seconds)
+        at_once = replace(request, output=Path(folder) / "at_once", frames=2, onset=EVERYWHERE)
+        age_silently(at_once)
+        end = read_image(at_once.output / frame_file("base_color", 1), color=True)
+    raised = np.stack(heights) if heights else None
+    return Aged(np.stack(pictures), encoded(end[:size, :size]), raised, seconds)
 
 
 def formula(clean: PrincipledMaps, process: str, times: int, size: int) -> Aged:
@@ -85,12 +90,15 @@ def formula(clean: PrincipledMaps, process: str, times: int, size: int) -> Aged:
     onset, rate = (pattern[:size, :size] for pattern in patterns)
     clean = _cropped(clean, size)
     maps = principled.forward(clean)
-    pictures = []
-    for t in np.linspace(0, 1, times, dtype=np.float32):
-        age = (rate * np.maximum(t - onset, 0)).clip(0, 1)
+
+    def at(age: Array) -> Array:
         aged = TorranceSparrowMaps(*history(process, maps.kd, maps.ks, maps.alpha, age))
-        pictures.append(_shown(aged, clean))
-    return Aged(np.stack(pictures), None, time.process_time() - start)
+        return _shown(aged, clean)
+
+    every = np.linspace(0, 1, times, dtype=np.float32)
+    pictures = [at((rate * np.maximum(t - onset, 0)).clip(0, 1)) for t in every]
+    seconds = time.process_time() - start
+    return Aged(np.stack(pictures), at(np.ones_like(onset)), None, seconds)
 
 
 def crossfade(clean: PrincipledMaps, end: Array, times: int, size: int) -> Aged:
@@ -98,7 +106,8 @@ def crossfade(clean: PrincipledMaps, end: Array, times: int, size: int) -> Aged:
     start = time.process_time()
     base = _cropped(clean, size).base_color
     share = np.linspace(0, 1, times, dtype=np.float32)[:, None, None, None]
-    return Aged(encoded(base + share * (end - base)), None, time.process_time() - start)
+    pictures = encoded(base + share * (end - base))
+    return Aged(pictures, pictures[-1], None, time.process_time() - start)
 
 
 def stt_of(clean: PrincipledMaps, source: Sequence, times: int, size: int) -> Aged:
@@ -143,7 +152,7 @@ def _of_sequence(sequence: Sequence, clean: PrincipledMaps, start: float) -> Age
     aged = sequence.clamped()
     states = zip(aged.kd, aged.ks, aged.alpha, strict=True)
     pictures = np.stack([_shown(TorranceSparrowMaps(*each), clean) for each in states])
-    return Aged(pictures, None, time.process_time() - start)
+    return Aged(pictures, pictures[-1], None, time.process_time() - start)
 
 
 def _shown(aged: TorranceSparrowMaps, clean: PrincipledMaps) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ def spot_curves(kd: Array, first: Array, last: Array) -> Array:
     for frame in kd:
         share = (np.sqrt(np.maximum(frame, 0)) - start) @ way / (way @ way)
         spot = gaussian_filter(share, _SMOOTH) > _CHANGED
-        places, count = label(spot)
+        places, count = cast(tuple[NDArray[np.int32], int], label(spot))
         sizes = np.bincount(places.ravel(), minlength=count + 1)[1:]
         border = sum(np.abs(np.diff(spot.astype(int), axis=axis)).sum() for axis in (0, 1))
         number = 1e6 * int((sizes >= _SMALLEST).sum()) / spot.size

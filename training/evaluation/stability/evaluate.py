@@ -13,6 +13,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from model_runtime.model_files.weights import ENCODER
+from model_runtime.representation.paper import PaperRepresentation
 from model_runtime.states import rows_of
 
 from ...ntm import NTMConfig
@@ -24,6 +25,7 @@ from ..synthesis.methods import load_models
 from ..synthesis.sources import Effort, SourceModels, describe
 from .inputs import INPUTS
 from .learning import LEARNING
+from .measured import MEASURED
 from .report import draw_chart, page
 from .results import MethodResult, StabilityReport
 from .runs import Outcome, Trials
@@ -32,10 +34,11 @@ from .trials import EVERY, Stress, Trial, TrialSetup
 
 __all__ = ("STRESSES", "evaluate_stability")
 
-STRESSES: Mapping[str, Stress] = {**TARGETS, **INPUTS, **LEARNING}
+STRESSES: Mapping[str, Stress] = {**TARGETS, **INPUTS, **MEASURED, **LEARNING}
 """By name."""
 
 _VERSION = 1
+_PROBES = 64  # directions that identify a measured material
 _EFFORT = Effort(NTMConfig(iterations=250, batch=64), 384, NTMConfig(iterations=300, batch=48), 32)
 
 
@@ -94,6 +97,9 @@ def _description(trial: Trial, settings: str) -> str:
         parts.append(rows_of(trial.given))
     if trial.unscored is not None:
         parts.append(torch.from_numpy(trial.unscored))
+    if trial.measured is not None:
+        angles = PaperRepresentation().sample_angles(_PROBES)
+        parts.append(trial.measured.evaluate(angles))
     rest = (trial.last_only, trial.span, trial.palette, trial.samples, trial.dtype)
     return identity(*parts, str(rest), "" if trial.killed is None else f"{trial.killed}")
 

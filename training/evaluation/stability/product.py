@@ -23,7 +23,7 @@ from model_runtime.states import rows_of
 from ..bench.aging import age_silently
 from .trials import Trial
 
-__all__ = ("Aged", "age_trial")
+__all__ = ("Aged", "age_trial", "read_states")
 
 _MAPS = ("kd", "ks", "alpha")
 
@@ -63,7 +63,7 @@ def age_trial(trial: Trial, given: TorranceSparrowMaps, ntm: Path) -> Aged:
             said += age_silently(request, _effort(trial))["warnings"]
         except TvbrdfError as error:
             return Aged(None, (*said, str(error)))
-        states = torch.stack([_read(output, frame + 1) for frame in wanted])
+        states = torch.stack([read_states(output, frame + 1) for frame in wanted])
     return Aged(states, tuple(said))
 
 
@@ -103,7 +103,7 @@ def _write(maps: TorranceSparrowMaps, folder: Path) -> None:
         OpenEXR.File(header, channels).write(str(folder / f"{name}.exr"))
 
 
-def _read(folder: Path, number: int) -> Tensor:
+def read_states(folder: Path, number: int) -> Tensor:
     """States [H W, C] of a frame, counted from 1."""
     files = ((name, folder / frame_file(name, number - 1)) for name in _MAPS)
     maps = TorranceSparrowMaps(*(read_image(file, color=name != "alpha") for name, file in files))

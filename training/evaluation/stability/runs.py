@@ -15,6 +15,7 @@ from numpy.polynomial import Chebyshev
 from scipy.spatial import KDTree
 from torch import Tensor, nn
 
+from model_runtime.brdf.measured import MeasuredBRDF
 from model_runtime.channels import ALPHA, ALPHA_MIN, REFLECTANCES, optics
 from model_runtime.errors import InputError
 from model_runtime.model_files.weights import save_model
@@ -28,6 +29,7 @@ from ...metric.sphere import psnr
 from ..bench.aging import texels_of
 from ..bench.spheres import TexturedSphere
 from ..synthesis.methods import Decoded, Method, Models, Rung, Transferred, method_for
+from .measured import held_as_latents, held_by_the_product
 from .product import age_trial
 from .restart import killed_training
 from .trials import GivenStage, Trial
@@ -66,6 +68,8 @@ class Trials:
     def run(self, trial: Trial, name: str) -> Outcome:
         """The method `name` trained on the trial's source and scored on its target."""
         case = trial.case
+        if trial.measured is not None:
+            return self._held(trial, trial.measured, name)
         stage = GivenStage(case, self.sphere, GivenStage.of(case, self.sphere).texels, trial.given)
         if trial.dtype is not None:
             stage = replace(stage, given=_stored(stage.initial, trial.dtype))
@@ -80,6 +84,17 @@ class Trials:
             return _product(trial, stage, method, models.sources.folder)
         except (InputError, ValueError, LinAlgError):  # a baseline has no use for such data
             return Outcome(math.nan)
+
+    def _held(self, trial: Trial, measured: MeasuredBRDF, name: str) -> Outcome:
+        sphere = self.sphere.sphere
+        if name == "ours":
+            method_for(name, trial.case, self.models)  # trained, whose file the product takes
+            path = self.models.sources.folder / f"ntm_{trial.case.source_key}.safetensors"
+            psnr, said = held_by_the_product(measured, path, sphere)
+            return Outcome(psnr, said=said)
+        ours = name not in self.models.encoders
+        representation, _ = self.models.encoders["ours" if ours else name]
+        return Outcome(held_as_latents(measured, representation, sphere, refined=ours))
 
     def _method(self, trial: Trial, name: str, models: Models) -> Method:
         if self._source != trial.case.source_key:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from model_runtime.brdf import torrance_sparrow
+from model_runtime.brdf.measured import MeasuredBRDF
 from model_runtime.channels import optics
 from model_runtime.contract import LADDER
 from model_runtime.maps import TorranceSparrowMaps
@@ -111,6 +112,7 @@ class Trial:
     palette, samples: how many materials may be modeled, how many directions encoders see
     dtype: the number format in which everything given and learned is stored
     killed: the share of the training after which it is killed, and resumed
+    measured: a material that is to come back in the first frame, where nothing is to be continued
     """
 
     case: Case
@@ -122,6 +124,7 @@ class Trial:
     samples: int | None = None
     dtype: torch.dtype | None = None
     killed: float | None = None
+    measured: MeasuredBRDF | None = None
 
     @property
     def frames(self) -> list[int]:
