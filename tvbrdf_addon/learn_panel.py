@@ -18,6 +18,8 @@ from .properties import RELATIVE
 
 __all__ = ("CLASSES", "draw", "register", "unregister")
 
+_HINT = "Choose what is clean in places and weathered in others; learning takes some minutes."
+
 TICK = 0.1
 POLL_SECONDS = 0.05
 
@@ -119,11 +121,12 @@ class TVBRDF_OT_learn(bpy.types.Operator):
             cls.poll_message_set(f"{_learning.lesson.title} is being learned")
             return False
         try:
-            _lesson(context)
+            reason = _why_not(context)
         except Exception as error:
-            cls.poll_message_set(said_of(error))
-            return False
-        return True
+            reason = said_of(error)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
@@ -181,11 +184,13 @@ class TVBRDF_OT_learn(bpy.types.Operator):
 
     def _finish(self) -> set[str]:
         learning = known(_learning)
-        _end(_Ended("INFO", tuple(learning.notes)))
+        said = f"{learning.lesson.title} is in the list of models"
+        _end(_Ended("INFO", (f"{said}.", *learning.notes)))
+        _settings(bpy.context).title = ""  # the next one needs another name
         material = by_uid(bpy.data.materials, self._target)
         if material is not None and material.library is None:
             material.tvbrdf.ntm = learning.lesson.name
-        self.report({"INFO"}, f"{learning.lesson.title} is in the list of models")
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
 
@@ -225,16 +230,26 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row = layout.row()
     row.scale_y = 1.5
     row.operator("tvbrdf.learn")
+    if settings.title and (reason := _why_not(context)):
+        paragraph(layout, context, reason, "ERROR")
+    for sentence in _ended.sentences if _ended is not None else (_HINT,):
+        paragraph(layout, context, sentence, "INFO" if _ended is None else _ended.icon)
+
+
+def _why_not(context: bpy.types.Context) -> str | None:
     try:
         _lesson(context)
     except SettingsError as error:
-        if settings.title:
-            paragraph(layout, context, str(error), "ERROR")
-    for sentence in _ended.sentences if _ended is not None else ():
-        paragraph(layout, context, sentence, known(_ended).icon)
+        return str(error)
+    return None
 
 
 def _draw_progress(layout: bpy.types.UILayout, learning: Learning) -> None:
+    # In the place of the button, as high as it: as the run's own panel has it.
+    row = layout.row()
+    row.scale_y = 1.5
+    row.alignment = "CENTER"
+    row.label(text=f"Learning {learning.lesson.title}")
     column = layout.column(align=True)
     column.progress(factor=learning.fraction, type="BAR", text=f"{learning.fraction:.0%}")
     column.label(text=f"{learning.stage}…")

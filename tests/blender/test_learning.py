@@ -76,6 +76,7 @@ def test_a_material_becomes_a_model_of_the_list(home: Path):
     assert {"BaseColor.exr", "Roughness.exr", "Normal.exr", "Displacement.exr"} <= maps
     assert aged.tvbrdf.ntm == "my_door"
     assert material.tvbrdf.ntm == "rust"
+    assert settings.title == ""
 
 
 def test_what_shapes_a_material_is_handed_over_as_it_is(home: Path, tmp_path: Path):
