@@ -18,6 +18,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("torch", "safetensors", "OpenEXR", "PIL", "scipy")
 """What Blender's Python does not have."""
+NOT_SHIPPED = ("tyro", "tqdm", "rich", "matplotlib", "scipy", "torch.utils.tensorboard")
+"""What training has and the extension does not."""
 PACKAGES = ("model_runtime", "training", "tvbrdf_addon")
 
 
@@ -125,3 +127,15 @@ def test_what_ships_is_imported_where_there_is_no_posix(
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert int(run.stdout) > 50
+
+
+def test_what_learns_inside_blender_needs_what_the_worker_needs() -> None:
+    code = (
+        "import importlib, sys\n"
+        f"for name in {NOT_SHIPPED}: sys.modules[name] = None\n"
+        "for name in ('__main__', 'learn_command', 'learn'):\n"
+        "    importlib.import_module(f'training.{name}')"
+    )
+    command = [sys.executable, "-c", code]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
