@@ -15,7 +15,7 @@ from torch import Tensor
 
 from model_runtime.age import AgeRequest
 from model_runtime.brdf import principled
-from model_runtime.contract import AUTO, LIVE, PRINCIPLED, REPORT
+from model_runtime.contract import AUTO, FORMATS, LIVE, PRINCIPLED, REPORT
 from model_runtime.images import read_image
 from model_runtime.live.evaluate import LiveMaps
 from model_runtime.live.files import read_live
@@ -23,6 +23,7 @@ from model_runtime.maps import PrincipledMaps
 from model_runtime.model_files.weights import find_model
 from model_runtime.modelling.aged import EFFORTS, Change, model_texels
 from model_runtime.modelling.palette import appearance_psnr
+from model_runtime.modelling.residues import lay
 from model_runtime.modelling.start import wear_of
 from model_runtime.modelling.texels import initial_states, timing_maps
 from model_runtime.output.frames import maps_of
@@ -90,6 +91,7 @@ class Exact:
                     axis=0,
                 )
                 for name, files in report["files"].items()
+                if name in FORMATS[PRINCIPLED]  # nothing is seen of heights here
             }
             found.append(appearance_psnr(truth, _states(maps, self.authored)))
         return found
@@ -147,6 +149,7 @@ def exact_texels(
         None if each is None else torch.from_numpy(each.reshape(-1))
         for each in timing_maps(request, ntm, shape, worn)
     )
+    residues = lay(ntm, request, shape, atlas=None, course=course, initial=initial).residues
     rng = np.random.default_rng(seed)
     rows = np.sort(rng.choice(len(initial), min(texels, len(initial)), replace=False))
     chosen = torch.from_numpy(rows)
@@ -167,6 +170,7 @@ def exact_texels(
             EFFORTS["exact"],
             onset=None if onset is None else onset[chosen],
             rate=None if rate is None else rate[chosen],
+            residues=None if residues is None else residues.select(chosen),
         )
         seconds = time.process_time() - start
         maps = maps_of(aged, authored, (len(rows), 1), PRINCIPLED, times)
@@ -179,7 +183,7 @@ def exact_texels(
 
 def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:
     """States [n, C] of the sockets that aging writes, the others as authored."""
-    written = {name: np.asarray(pixels, np.float32) for name, pixels in maps.items()}
+    written = {name: np.asarray(maps[name], np.float32) for name in FORMATS[PRINCIPLED]}
     seen = principled.forward(
         PrincipledMaps(**written, ior=authored.ior, specular_tint=authored.specular_tint)
     )
