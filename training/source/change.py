@@ -30,7 +30,7 @@ __all__ = ("Change", "kept_by", "sequence_of")
 
 Array = NDArray[np.float32]
 
-_KEPT = {"weathered_wood": 0.45, "soiling": 0.35, "drying": 0.6, "fading": 0.8, "yellowing": 0.8}
+_KEPT = {"weathered_wood": 0.45, "soiling": 0.15, "drying": 0.6, "fading": 0.8, "yellowing": 0.8}
 """Share of a material's own differences that outlive a process which alters rather than covers:
 one scan cannot tell, as it does not show what its weathered texels were before."""
 

@@ -31,7 +31,8 @@ _EDGES = (0, 1.25, 2.25, 3.25, 4.25, 5.5, 7, 9, 12, 16, 22, 30, 42, 60, 90, FART
 _FEWEST = 64  # texels that a mean is taken of
 _BEGUN = 0.1  # share of the whole way by which the first change has begun
 _ENDED = 0.06
-_DEEPEST = 0.01
+_DEEPEST = 0.01  # share of the texels: fewer are no mean to trust
+_BEYOND = 3  # bins in which it is seen what goes on changing
 _LIFTED = 0.2  # share of the height's range likewise
 _BORDER = 0.1  # age at which the border is reached
 _POWER = (4.0, 30.0)
@@ -106,6 +107,8 @@ def curves_by_distance(values: Array, distance: Array) -> Curves:
     clean = _plateau(-far[outside][::-1], mean[outside][::-1], count[outside][::-1])
     weathered = _plateau(far[~outside], mean[~outside], count[~outside])
     first, last = _span(far, mean, clean, weathered)
+    known = far[count >= _DEEPEST * count.sum()]
+    last = min(last, float(max(known[-min(_BEYOND, len(known))], 0.5)))
     before = min(-first / (last - first), 0.99)
     power = float(np.clip(np.log(1 - before) / np.log(1 - _BORDER), *_POWER))
     return Curves(
@@ -129,8 +132,8 @@ def _plateau(away: Floats, mean: Floats, count: Floats) -> Floats:
 
 
 def _drift(far: Floats, mean: Floats, count: Floats, last: float) -> Floats:
-    """By how much the mean [8] goes on changing beyond `last`, up to where there is still a
-    hundredth of the texels: the line of least squares.
+    """By how much the mean [8] goes on changing from `last` to where there are hardly any texels
+    left: the line of least squares.
     """
     beyond = (far >= last) & (count >= _DEEPEST * count.sum())
     if beyond.sum() < 2:
