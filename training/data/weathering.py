@@ -26,6 +26,7 @@ from model_runtime.temporal.pace import Timing
 
 from .kinetics import PROCESSES, history
 from .sequences import MOST_TEXELS, Sequence, uniform_times
+from .weathering_grain import GRAIN_SHARE, grain_strength, process_grain
 from .weathering_materials import draw
 from .writing import write_sequence
 
@@ -36,6 +37,7 @@ Rng = np.random.Generator
 
 _SOURCE = "procedural (training/data/weathering.py)"
 _PATCHES = 20  # patches along a side of the tile
+_SAMPLED = 7  # texels of which one tells the means
 _WORN = 0.35  # share of the patches that wear through to a neighbor
 _NEVER_WORN = ("fading",)  # two dyes would blend to a gray, which has none to lose
 
@@ -57,7 +59,7 @@ def generate(process: str, *, size: int = 96, frames: int = 36, seed: int = 0) -
             f"Ask for 2 to {MOST_AGES:,} frames of at least 1 texel, {MOST_TEXELS:,} in all.",
         )
     rng = np.random.default_rng((seed, *process.encode()))
-    kd, ks, alpha = initial_values(process, size=size, rng=rng)
+    first = kd, ks, alpha = initial_values(process, size=size, rng=rng)
     onset = onset_map(process, (size, size), seed=seed)
     timing = Timing.of(onset, rate_map(process, (size, size), seed=seed))
     onset[rng.random((size, size)) < 0.5] = 0.0
@@ -65,7 +67,23 @@ def generate(process: str, *, size: int = 96, frames: int = 36, seed: int = 0) -
     times = uniform_times(frames)
     aged = [history(process, kd, ks, alpha, np.maximum(0, time - onset)) for time in times]
     kd, ks, alpha = (np.stack(maps) for maps in zip(*aged, strict=True))
-    return Sequence(kd, ks, alpha, times, onset, f"{process}-{seed}", timing)
+    means = _means(process, first, times)
+    return Sequence(
+        kd, ks, alpha, times, onset, f"{process}-{seed}", timing,
+        residue=process_grain(process, means[-1], seed=seed),
+        strength=grain_strength(means),
+        share=GRAIN_SHARE,
+    )  # fmt: skip
+
+
+def _means(process: str, first: tuple[Array, Array, Array], ages: Array) -> Array:
+    """Mean kd, ks and r [T, 7] at `ages` [T] of materials that began as `first`."""
+    kd, ks, alpha = (each.reshape(-1, *each.shape[2:])[::_SAMPLED] for each in first)
+    means = []
+    for age in ages:
+        states = history(process, kd, ks, alpha, np.broadcast_to(age, alpha.shape))
+        means.append(np.concatenate((states[0], states[1], np.sqrt(states[2])[:, None]), 1).mean(0))
+    return np.stack(means).astype(np.float32)
 
 
 def write(

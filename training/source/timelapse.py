@@ -100,8 +100,6 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
     mean_color = colors[:, oldest].mean(1)
     gone = _gone(mean_color)
     mean = _values(mean_color, gone, kind, lapse.glare)
-    spread = np.sqrt(colors[:, oldest]).std(1).mean(-1)
-    more = np.sqrt(np.maximum(spread**2 - ((1 - gone) * spread[0]) ** 2, 0)) / max(spread[-1], 1e-6)
     last = _values(colors[-1], np.ones(1, np.float32), kind, None)
     residue = last - mean[-1]
     residue[..., 6:] = 0
@@ -117,7 +115,7 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
     return Change(
         mean,
         gone,
-        np.minimum(more, 1.25).astype(np.float32) * (gone > 0),
+        _along(mean_color),
         starts[:, :7],
         tile,
         share=min(1.0, _RELATIVE * side / 256),
@@ -156,11 +154,22 @@ def _evenly_changing(colors: Array, usable: NDArray[np.bool_]) -> Array:
     return colors[lower] * (1 - share) + colors[lower + 1] * share
 
 
-def _gone(mean: Array) -> Array:
-    """[T]: the share of the way from the first mean color [T, 3] to the last, rising."""
+def _along(mean: Array) -> Array:
+    """[T]: how far mean colors [T, 3] are on the straight way from the first to the last, rising;
+    what the last texels differ in shows as much.
+    """
     seen = np.sqrt(mean)
     way = seen[-1] - seen[0]
-    along = (seen - seen[0]) @ way / max(float(way @ way), 1e-9)
+    along = ((seen - seen[0]) @ way / max(float(way @ way), 1e-9)).clip(0, 1)
+    return np.maximum.accumulate(along).astype(np.float32)
+
+
+def _gone(mean: Array) -> Array:
+    """[T]: the share of the way from the first mean color [T, 3] to the last that is behind, on
+    whatever path, rising.
+    """
+    seen, along = np.sqrt(mean), _along(mean)
+    way = seen[-1] - seen[0]
     far = np.linalg.norm(seen - seen[0], axis=-1) / max(float(np.linalg.norm(way)), 1e-9)
     gone = np.maximum.accumulate(np.maximum(along, np.minimum(far, 1)).clip(0, 1))
     return ((gone - gone[0]) / max(float(gone[-1] - gone[0]), 1e-6)).astype(np.float32)
