@@ -11,6 +11,7 @@ import pytest
 import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
+from tqdm import tqdm
 
 from model_runtime.contract import LADDER
 from model_runtime.errors import InputError, ModelFileError, OutputError, UsageError
@@ -22,7 +23,7 @@ from model_runtime.temporal.models import Affine
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from tests.aging import run, write_torrance_sparrow
 from tests.trainings import equal, kill_at
-from training import loop, ntm
+from training import ntm
 from training.checkpoint import DivergedError
 from training.data import weathering
 from training.data.synthetic import s2
@@ -183,7 +184,7 @@ def test_what_cannot_be_written_is_known_before(rusting, tmp_path, monkeypatch, 
     else:
         ending = ".safetensors" if what == "output" else ".parameters.checkpoint.safetensors"
         output.with_suffix(ending).mkdir(parents=True)
-    monkeypatch.setattr(loop.tqdm, "__iter__", None)  # no step is taken
+    monkeypatch.setattr(tqdm, "__iter__", None)  # no step is taken
     with pytest.raises(OutputError, match="cannot be written"):
         train(rusting, output)
 
