@@ -26,13 +26,14 @@ PIP_INSTALL = -m pip install --quiet --disable-pip-version-check
 READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects extension extensions wheels test test-blenders types format clean
+.PHONY: help demo objects extension extensions repository wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
 	@echo "make objects        age five objects by every model, into out/objects.jpg"
 	@echo "make extension      build the zip to install in Blender, for PLATFORM (WHEELS=none: without torch)"
 	@echo "make extensions     build that of each platform: $(PLATFORMS)"
+	@echo "make repository     a folder to put on a web server, that Blender installs and updates from"
 	@echo "make test           lint, types and every test, in real Blender too"
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
 	@echo "make format         put the code in order"
@@ -57,6 +58,11 @@ extensions: .venv/ready $(PLATFORMS:%=build/wheels/%/ready)
 	@for platform in $(PLATFORMS); do .venv/bin/python .ci/extension.py build \
 	    --platform $$platform --wheels build/wheels --output build || exit; done
 
+repository: .venv/ready $(PLATFORMS:%=build/wheels/%/ready)
+	@zips=$$(for platform in $(PLATFORMS); do .venv/bin/python .ci/extension.py build \
+	    --platform $$platform --wheels build/wheels --output build || exit; done) \
+	&& .venv/bin/python .ci/extension.py repository --output build/repository $$zips
+
 wheels: build/wheels/$(PLATFORM)/ready
 
 test: $(READY)
@@ -76,7 +82,7 @@ format: .venv/ready
 	.venv/bin/python -m ruff format .
 
 clean:
-	rm -rf build/wheels build/demo-profile build/tvbrdf-* out
+	rm -rf build/wheels build/demo-profile build/repository build/tvbrdf-* out
 
 # Environments.  Scripts inside them are not called: their first line breaks in a path with a space.
 

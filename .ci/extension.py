@@ -2,6 +2,7 @@
 
     python .ci/extension.py wheels --platform linux-x64 --output build/wheels --python 3.11
     python .ci/extension.py build --platform linux-x64 --wheels build/wheels --output build
+    python .ci/extension.py repository --output build/repository ZIP ...
 
 `wheels` collects the wheels that `requirements-runtime.txt` pins for a platform, any from any, one
 folder a Python version, and asks no registry for what it has already.  torch is PyTorch's CPU
@@ -11,6 +12,9 @@ them.
 
 `build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION-PLATFORM.zip`,
 validates it and prints its path.  It does nothing while the zip is that of the same content.
+
+`repository` makes a folder that Blender takes for a repository of extensions once a web server
+shows it: the zips, their `index.json` and a page to drag them from.
 
 Runs on the standard library and the Blender module of the environment that runs it.
 """
@@ -187,8 +191,8 @@ def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
     manifest.write_text("\n".join([head, *lines, "", table + tail]), encoding="utf-8")
 
 
-def blender_builder() -> Path:
-    """Blender's own command line for extensions, in the environment that runs this script."""
+def blender_ext(*command: str) -> None:
+    """Run Blender's own command line for extensions, of the environment that runs this script."""
     found = sorted(
         Path(sysconfig.get_path("purelib")).glob(
             "bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
@@ -196,7 +200,11 @@ def blender_builder() -> Path:
     )
     if not found:
         raise SystemExit(f"{sys.executable} has no Blender module (bpy) to build with.")
-    return found[-1]
+    run = subprocess.run(
+        [sys.executable, str(found[-1]), *command], capture_output=True, text=True, check=False
+    )
+    if run.returncode != 0:
+        raise SystemExit(f"blender_ext {command[0]}:\n{run.stdout}{run.stderr}")
 
 
 def build(*, platform: str, wheels_folder: Path | None, output: Path) -> Path:
@@ -218,17 +226,23 @@ def build(*, platform: str, wheels_folder: Path | None, output: Path) -> Path:
     with tempfile.TemporaryDirectory(dir=output) as scratch:
         source, built = Path(scratch) / "source", Path(scratch) / target.name
         stage(source, platform, wheels)
-        builder = [sys.executable, str(blender_builder())]
-        for command in (
-            ["build", "--source-dir", str(source), "--output-filepath", str(built)],
-            ["validate", str(built)],
-        ):
-            run = subprocess.run([*builder, *command], capture_output=True, text=True)
-            if run.returncode != 0:
-                raise SystemExit(f"blender_ext {command[0]}:\n{run.stdout}{run.stderr}")
+        blender_ext("build", "--source-dir", str(source), "--output-filepath", str(built))
+        blender_ext("validate", str(built))
         built.replace(target)  # whole or not at all, should two build at once
         stamp.write_text(digest)
     return target
+
+
+def make_repository(*, zips: list[Path], output: Path) -> None:
+    """Make `output` hold these zips and what Blender asks a repository for, and nothing else."""
+    with tempfile.TemporaryDirectory(dir=output.parent) as scratch:
+        made = Path(scratch) / "repository"
+        made.mkdir()
+        for each in zips:
+            shutil.copyfile(each, made / each.name)
+        blender_ext("server-generate", "--repo-dir", str(made), "--html")
+        shutil.rmtree(output, ignore_errors=True)
+        made.replace(output)
 
 
 def main() -> None:
@@ -241,7 +255,13 @@ def main() -> None:
     collecting.add_argument("--python", action="append", required=True)
     collecting.add_argument("--torch-index", default=TORCH_INDEX)
     building.add_argument("--wheels", required=True, help="a folder, or none")
+    listing = commands.add_parser("repository")
+    listing.add_argument("--output", type=Path, required=True)
+    listing.add_argument("zips", type=Path, nargs="+", metavar="ZIP")
     arguments = parser.parse_args()
+    if arguments.command == "repository":
+        make_repository(zips=arguments.zips, output=arguments.output.resolve())
+        return
     if arguments.platform is None:
         raise SystemExit("No wheels are known for this machine; name a --platform.")
     if arguments.command == "wheels":
