@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from training.data.writing import write_sequence
 from training.ntm import NTMConfig
 from training.source.change import Change, sequence_of
 from training.source.grain import grain_of
+from training.source.residue import with_residue
 from training.source.scan import change_of, read_states
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -125,6 +127,23 @@ def test_a_material_that_is_covered_keeps_nothing_and_one_that_grays_keeps_its_f
 
 
 class TestGrain:
+    def test_a_picture_s_own_last_frame_is_its_example(self):
+        frames, side = 6, 64
+        y, x = np.mgrid[:side, :side] / side * 2 * np.pi
+        figure = (0.05 * np.sin(5 * x) * np.sin(4 * y)).astype(np.float32)
+        time = np.linspace(0, 1, frames, dtype=np.float32)[:, None, None, None]
+        kd = 0.3 - 0.1 * time + (time * figure[..., None])
+        kd = np.broadcast_to(kd, (frames, side, side, 3)).copy()
+        ks, alpha = np.full_like(kd, 0.04), np.full(kd.shape[:3], 0.25, np.float32)
+        picture = Sequence(kd, ks, alpha, time.ravel(), None, "picture")
+        residue = with_residue(picture).residue
+        assert residue is not None
+        assert residue[..., 0].std() == pytest.approx(figure.std(), rel=0.2)
+        assert np.abs(residue[..., 3:]).max() < 1e-4
+        shuffled = np.random.default_rng(0).permutation(side * side)
+        mixed = kd.reshape(frames, -1, 3)[:, shuffled].reshape(kd.shape)
+        assert with_residue(replace(picture, kd=mixed)).residue is None
+
     def test_it_differs_as_the_residue_does(self, change: Change):
         grain = grain_of(
             change.residue, change.mean[-1, :7], np.linspace(0, 1, 5, dtype=np.float32), 0.5

@@ -55,7 +55,7 @@ def test_numbered_pictures_are_those_of_the_animation(copper: Path, tmp_path: Pa
 
 def test_a_folder_of_texture_maps_is_none(tmp_path: Path):
     for name in ("plate_Color", "plate_Roughness", "plate_Metalness"):
-        save(tmp_path / f"{name}.png", np.zeros((8, 8)))
+        save(tmp_path / f"{name}.png", np.zeros((8, 8), np.float32))
     assert not is_timelapse(tmp_path)
 
 

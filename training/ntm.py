@@ -31,6 +31,7 @@ from .loop import Run, Schedule, Training, remove_checkpoints, train
 from .source.grain import grain_of_sequence, height_of
 from .source.histories import SourceHistories, source_histories
 from .source.onsets import timed
+from .source.residue import with_residue
 from .source.steadiness import steadied
 
 __all__ = (
@@ -129,6 +130,7 @@ def write_ntm(
     ntm = train_ladder(source, representation, config, run)
     found = ntm.card.details
     if isinstance(sequence, Sequence):
+        sequence = with_residue(sequence, seed=run.seed)
         ntm = replace(ntm, grain=grain_of_sequence(sequence), height=height_of(sequence))
         found = {**found, **_told_of(ntm, sequence)}
     details: dict[str, Any] = {
