@@ -69,7 +69,7 @@ def draw(layout: bpy.types.UILayout, settings: Any) -> None:
     column.prop(settings, "amount", slider=True)
     column.prop(settings, "use_alike")
     row = column.row(align=True)
-    row.operator("tvbrdf.start_here", icon="CURSOR")
+    row.operator("tvbrdf.start_here", text="Start at Cursor", icon="CURSOR")
     count = settings.starts.count(";") + 1 if settings.starts else 0
     if count:
         row.operator("tvbrdf.start_anywhere", text=f"Forget {count}", icon="X")
