@@ -46,6 +46,11 @@ def test_nothing_shows_where_the_seams_are(mesh, process):
     assert found.seam_ratio <= 1.3
 
 
+def test_nor_do_they_where_the_map_is_finer_than_what_was_baked(block):
+    ratio = onset_of(block, size=1024).seam_ratio
+    assert ratio is not None and ratio <= 1.3
+
+
 def test_a_pattern_of_the_texture_shows_where_the_seams_are(block):
     ratio = Seen.of(block, onset_map("rust", (256, 256), seed=3)).seam_ratio()
     assert ratio is not None

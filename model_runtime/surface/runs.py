@@ -20,6 +20,7 @@ __all__ = ("Deposit", "Runs", "deposit", "runs")
 Array = NDArray[np.float32]
 
 _STEEPEST = 4  # power of the slope by which lower neighbors share
+_GIVERS = 7  # neighbors that hand water to a point: hardly any are higher than more others
 _STEEP = 0.2  # sine of the slope from which water runs off; on what is level it stands
 _WANDER = 1.0  # spacings that a surface is uneven by: runs wander and join
 _LONGEST, _OCTAVES, _GAIN = 32.0, 5, 0.65  # of this unevenness: spacings a cell, and its octaves
@@ -81,18 +82,17 @@ def deposit(
     frequency = 1 / (_LONGEST * points.spacing)
     uneven = SpaceNoise.of(rng, (frequency, frequency, frequency), _GAIN)
     uneven = uneven.at(points.position, 0, _OCTAVES)
-    share = _shares(points, graph, points.position[:, 2] + _WANDER * points.spacing * uneven)
+    height = points.position[:, 2] + _WANDER * points.spacing * uneven
+    downhill = _Downhill.of(points, graph, height)
 
     def left(length: float) -> np.float32:
         return np.float32(np.exp(-points.spacing / (length * unit)))
 
     rain = points.area * (np.maximum(points.normal[:, 2], 0) * sky + _DRIZZLE)
-    water = _handed_down(graph, share * left(_DRIES), rain)
+    water = downhill.handed(rain, left(_DRIES))
     given = (water * _sources(points, arrival, amount)).astype(np.float32)
     since = arrival - arrival.min()
-    carried, dated = (
-        _handed_down(graph, share * left(_SETTLES), each) for each in (given, given * since)
-    )
+    carried, dated = (downhill.handed(each, left(_SETTLES)) for each in (given, given * since))
     began = (arrival.min() + dated / np.maximum(carried, 1e-30)).astype(np.float32)
     settled = carried / points.area
     if not settled.any():
@@ -111,25 +111,37 @@ def _sources(points: Points, arrival: Array, amount: float) -> Array:
     return ((last - share) / (last - min(first, last / 2))).clip(0, 1)
 
 
-def _shares(points: Points, graph: Graph, height: Array) -> Array:
-    """The share of its water that each neighbor hands to a point, [NEIGHBORS, n]."""
-    slope = np.maximum(graph.between(height) / graph.distance, 0) ** _STEEPEST
-    handed = np.bincount(graph.neighbor.reshape(-1), slope.reshape(-1), len(points))
-    steep = np.linalg.norm(points.normal[:, :2], axis=-1)
-    kept = np.minimum(steep / _STEEP, 1) / np.maximum(handed, 1e-12)
-    return (slope * kept[graph.neighbor]).astype(np.float32)
+@dataclass(frozen=True)
+class _Downhill:
+    """The neighbors that hand most water to each point, and the shares of theirs, [_GIVERS, n]."""
 
+    neighbor: NDArray[np.int32]
+    share: Array
 
-def _handed_down(graph: Graph, share: Array, source: Array) -> Array:
-    """What is at each point in the end of what comes from `source` and is handed on: [n]."""
-    total, moving = source, source
-    enough = _SETTLED * float(source.sum(dtype=np.float64))
-    for _ in range(_MOST_SWEEPS):
-        below = np.zeros_like(moving)
-        for neighbor, part in zip(graph.neighbor, share, strict=True):
-            below += moving.take(neighbor) * part
-        moving = below
-        total = total + moving
-        if float(moving.sum(dtype=np.float64)) <= enough:
-            break
-    return total
+    @classmethod
+    def of(cls, points: Points, graph: Graph, height: Array) -> _Downhill:
+        slope = np.maximum(graph.between(height) / graph.distance, 0) ** _STEEPEST
+        handed = np.bincount(graph.neighbor.reshape(-1), slope.reshape(-1), len(points))
+        steep = np.linalg.norm(points.normal[:, :2], axis=-1)
+        kept = np.minimum(steep / _STEEP, 1) / np.maximum(handed, 1e-12)
+        share = (slope * kept[graph.neighbor]).astype(np.float32)
+        most = np.argsort(-share, axis=0)[:_GIVERS]
+        neighbor = np.take_along_axis(graph.neighbor, most, 0)
+        return cls(neighbor, np.take_along_axis(share, most, 0))
+
+    def handed(self, source: Array, left: np.float32) -> Array:
+        """What is at each point in the end of what comes from `source` and is handed on, of which
+        so much is `left` after each step: [n].
+        """
+        total, moving = source, source
+        enough = _SETTLED * float(source.sum(dtype=np.float64))
+        share = self.share * left
+        for _ in range(_MOST_SWEEPS):
+            below = np.zeros_like(moving)
+            for neighbor, part in zip(self.neighbor, share, strict=True):
+                below += moving.take(neighbor) * part
+            moving = below
+            total = total + moving
+            if float(moving.sum(dtype=np.float64)) <= enough:
+                break
+        return total

@@ -4,7 +4,7 @@ unwrapped, and how much of it has started by when.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +42,16 @@ class Seen:
             min(known, given, _MOST_SIDE)
             for known, given in zip(atlas.size, pixels.shape, strict=True)
         )
-        covered = atlas.covered_at((height, width))
         rows = (np.arange(height) * 2 + 1) * pixels.shape[0] // (2 * height)
         columns = (np.arange(width) * 2 + 1) * pixels.shape[1] // (2 * width)
-        places = atlas.places(covered, range(height))
-        return cls(atlas, covered, places, pixels[np.ix_(rows, columns)])
+        grid = np.ix_(rows, columns)
+        # Where these very texels lie, not the larger ones that a map of this size would have.
+        looked_at = np.zeros(pixels.shape, bool)
+        looked_at[grid] = atlas.covered_at((pixels.shape[0], pixels.shape[1]))[grid]
+        places = atlas.places(looked_at, range(pixels.shape[0]))
+        row, column = np.divmod(places.texel, pixels.shape[1])
+        number = np.searchsorted(rows, row) * width + np.searchsorted(columns, column)
+        return cls(atlas, looked_at[grid], replace(places, texel=number), pixels[grid])
 
     def share_below(self, levels: NDArray[np.float64]) -> list[float]:
         """The share of the surface whose values are below each of these rising levels."""
