@@ -208,3 +208,22 @@ class TestReport:
     def test_targets_that_do_not_exist_are_refused(self, data_folder: Path, tmp_path: Path):
         with pytest.raises(UsageError, match="target 'Gold'"):
             evaluate_realism(data_folder, tmp_path, targets=("Gold",))
+
+
+@pytest.mark.slow
+def test_relief_and_spots_are_told_beside_what_is_real(data_folder: Path, tmp_path: Path):
+    report = evaluate_realism(
+        data_folder, tmp_path, methods=("ours",), targets=("relief", "spots"), size=512, times=5,
+        minutes=0.002,
+    )  # fmt: skip
+    stored = json.loads((tmp_path / "realism.json").read_text(encoding="utf-8"))
+    assert stored["relief"]["own_half"]["correlation"] > 0.9
+    assert stored["relief"]["truth"]["lip"] > 0.03  # its paint lifts before it goes
+    profile = stored["relief"]["ours"]["height"]
+    assert len(profile) == len(stored["relief"]["distance"])
+    for found in stored["spots"].values():
+        assert set(found["apart"]) == set(found["spread"]) == {"number", "area", "perimeter"}
+        assert len(found["curves"]["ours"]) == 3
+    assert len(report.figures) == 3
+    for name in ("relief.png", "spots.png"):
+        assert (tmp_path / name).exists()

@@ -76,7 +76,7 @@ class Aging:
     minutes: float | None
 
     def learned(
-        self, source: ScanMaps | Sequence, key: str, process: str, made_from: str
+        self, source: Path | ScanMaps | Sequence, key: str, process: str, made_from: str
     ) -> Learned:
         """Ours of a source, as `python -m training learn` makes it."""
         path, record = (self.folder / f"ours_{key}.{end}" for end in ("safetensors", "json"))

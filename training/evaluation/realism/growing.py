@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from PIL import Image
 
 from model_runtime.age import AgeRequest
-from model_runtime.contract import FRAMES, TORRANCE_SPARROW, frame_file
+from model_runtime.contract import FRAMES, PRINCIPLED, TORRANCE_SPARROW, frame_file
 from model_runtime.images import read_image, write_exr
 
 from ...data.sequences import Sequence
@@ -20,10 +21,12 @@ from ..bench.kept import identity
 from .aging import Aging, Source
 from .methods import Aged, Array
 from .relief import BINS, Profile, compare_profiles, profile, weathered
-from .spots import LAPSES, apart, halves_of, read_lapse, spot_curves, spread
-from .targets import HalvedScan
+from .spots import FILMED, LAPSES, apart, halves_of, read_lapse, spot_curves, spread
+from .targets import HalvedScan, encoded
 
 __all__ = ("relief_of", "spots_of")
+
+_BEGUN = 0.005  # share of a picture that is weathered, and that is not, where it has a border
 
 
 def relief_of(scan: HalvedScan, aging: Aging) -> dict[str, Any]:
@@ -61,7 +64,11 @@ def _profile_of(aged: Aged, clean: Array, gone: Array, share: float) -> Profile 
     if aged.heights is None:
         return None
     masks = [weathered(picture, clean, gone) for picture in aged.pictures]
-    k = int(np.abs([mask.mean() - share for mask in masks]).argmin())
+    shares = np.array([mask.mean() for mask in masks])
+    begun = (shares > _BEGUN) & (shares < 1 - _BEGUN)
+    if not begun.any():
+        return None
+    k = int(np.where(begun, np.abs(shares - share), np.inf).argmin())
     return profile(aged.heights[k], masks[k], wraps=False)
 
 
@@ -90,31 +97,38 @@ def spots_of(data: Path, aging: Aging) -> dict[str, Any]:
 
 
 def _continued(lapse: Sequence, process: str, aging: Aging) -> Array:
-    """Kd [T, H, W, 3] of the right half's first frame, aged after the left half."""
+    """Color [T, H, W, 3] of the right half's first frame, aged after the left half: as a metal
+    after a film of it, or as diffuse albedo after a sequence.
+    """
     middle = lapse.alpha.shape[2] // 2
-    left = replace(
-        lapse,
-        kd=lapse.kd[:, :, :middle],
-        ks=lapse.ks[:, :, :middle],
-        alpha=lapse.alpha[:, :, :middle],
-    )
-    made_from = identity(torch.from_numpy(np.ascontiguousarray(left.kd)), process)
-    learned = aging.learned(left, lapse.name, process, made_from)
+    left, right = lapse.kd[:, :, :middle], lapse.kd[0, :, middle:]
+    made_from = identity(torch.from_numpy(np.ascontiguousarray(left)), process)
     with tempfile.TemporaryDirectory() as folder:
-        start, output = Path(folder) / "start", Path(folder) / "aged"
+        source, start, output = (Path(folder) / name for name in ("film", "start", "aged"))
         start.mkdir()
-        for name in ("kd", "ks", "alpha"):
-            write_exr(start / f"{name}.exr", getattr(lapse, name)[0, :, middle:])
-        frames = len(lapse.times)
-        age_silently(
-            AgeRequest(
-                start,
-                str(learned.path),
-                output,
-                frames=frames,
-                format=TORRANCE_SPARROW,
-                binding=FRAMES,
+        if lapse.name in FILMED:
+            shown, format = "base_color", PRINCIPLED
+            learned = aging.learned(_film(left, source), lapse.name, process, made_from)
+            maps = {shown: right, "metallic": np.ones_like(right[..., 0])}
+        else:
+            shown, format = "kd", TORRANCE_SPARROW
+            half = replace(
+                lapse, kd=left, ks=lapse.ks[:, :, :middle], alpha=lapse.alpha[:, :, :middle]
             )
-        )
-        files = [output / frame_file("kd", k) for k in range(frames)]
+            learned = aging.learned(half, lapse.name, process, made_from)
+            maps = {name: getattr(lapse, name)[0, :, middle:] for name in ("kd", "ks", "alpha")}
+        for name, pixels in maps.items():
+            write_exr(start / f"{name}.exr", pixels)
+        frames, model = len(lapse.times), str(learned.path)
+        age_silently(AgeRequest(start, model, output, frames=frames, format=format, binding=FRAMES))
+        files = [output / frame_file(shown, k) for k in range(frames)]
         return np.stack([read_image(file, color=True) for file in files])
+
+
+def _film(colors: Array, folder: Path) -> Path:
+    """A folder of numbered pictures."""
+    folder.mkdir()
+    for k, frame in enumerate(colors):
+        code = np.rint(255 * encoded(frame)).astype(np.uint8)
+        Image.fromarray(code).save(folder / f"frame_{k:03d}.png")
+    return folder

@@ -52,4 +52,4 @@ def _distances(report: RealismReport) -> str:
         found = target.methods
         cells = [f"{found[each].distance:.3f}" if each in found else "" for each in names]
         rows.append([name, *cells])
-    return table(("target", *names), rows)
+    return table(("target", *names), rows) if rows else ""

@@ -13,16 +13,28 @@ from scipy.ndimage import gaussian_filter, label
 
 from ...data.sequences import Sequence, uniform_times
 
-__all__ = ("LAPSES", "STATISTICS", "apart", "halves_of", "read_lapse", "spot_curves", "spread")
+__all__ = (
+    "FILMED",
+    "LAPSES",
+    "STATISTICS",
+    "apart",
+    "halves_of",
+    "read_lapse",
+    "spot_curves",
+    "spread",
+)
 
 Array = NDArray[np.float32]
 
 LAPSES: Mapping[str, str] = {"SteelRusting": "rust", "copper_patinating": "patina"}
 """Real sequences, and the process of each."""
 
+FILMED = ("copper_patinating",)
+"""Those that are photographs of a metal; the others hold the diffuse albedo."""
+
 STATISTICS = ("number", "area", "perimeter")
 
-_FRAMES = 21
+_FRAMES = 41
 _CHANGED = 0.5
 _SMOOTH = 1.0
 _SMALLEST = 4  # texels; a smaller spot is noise
@@ -30,7 +42,7 @@ _ALPHA = 0.5
 
 
 def read_lapse(data: Path, name: str) -> Sequence:
-    """A sequence's diffuse colors in 21 frames; nothing is known of gloss: none."""
+    """A sequence's colors in at most 41 frames; nothing is known of gloss: none."""
     if name == "SteelRusting":
         files = sorted((data / "tvbtf" / name).glob("Kd-*.jpg"))
         frames = [_pixels(Image.open(file)) ** 2 for file in files]  # square-root encoded
