@@ -59,17 +59,6 @@ class TestDistance:
         assert metric.distance(seen, seen).distance == 0
         assert metric.distance(seen, mean).distance == metric.distance(mean, seen).distance > 0.5
 
-    def test_only_places_that_see_what_counts_are_looked_at(
-        self, metric: TextureMetric, rusting: np.ndarray
-    ):
-        whole = rusting[:160, :320].copy()
-        depth = np.broadcast_to(np.arange(320) - 160.0, (160, 320)).astype(np.float32)
-        other = whole.copy()
-        other[:, :110] = 0
-        masked, changed = (metric.seen(each, depth) for each in (whole, other))
-        assert metric.distance(masked, changed).distance < 1e-5
-        assert metric.distance(metric.seen(whole), metric.seen(other)).distance > 0.1
-
     def test_without_the_network_it_says_so(self, tmp_path: Path):
         with pytest.raises(InputError, match="VGG16"):
             TextureMetric.load(tmp_path)

@@ -28,13 +28,10 @@ LAYERS = ("pixels", "conv1_2", "conv2_2", "conv3_3", "conv4_3")
 _CONVOLUTIONS = 10
 _KEPT = (1, 3, 6, 9)  # of which the features are compared
 _POOLED = (1, 3, 6)
-_REACH = (0, 2, 7, 20, 46)  # texels that a place of each layer sees to each side
-_STEP = (1, 1, 2, 4, 8)  # texels from place to place
 _MEAN, _SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 _DIRECTIONS = 64
 _LEVELS = 1024  # quantiles compared along each direction
 _MOST = 1 << 16  # places of a layer that are looked at: as many, at random, tell the same
-_FEWEST = 0.02  # share of the places that are looked at, where most see what they should not
 
 Pixels = NDArray[np.float32]
 
@@ -89,15 +86,11 @@ class TextureMetric:
         return cls(weights, [each / each.norm(dim=0) for each in directions])
 
     @torch.no_grad()
-    def seen(self, picture: Pixels, depth: Pixels | None = None) -> Seen:
-        """What a picture [H, W, 3] (sRGB, 0 to 1) shows; where `depth` [H, W] is given, only in
-        places where it is above 0 as far as they see: how many texels they lie inside.
-        """
+    def seen(self, picture: Pixels) -> Seen:
+        """What a picture [H, W, 3] (sRGB, 0 to 1) shows."""
         parts = []
         for layer, features in enumerate(self._features(picture)):
             values = features.flatten(1)
-            if depth is not None:
-                values = values[:, _places(depth, layer)]
             if values.shape[1] > _MOST:
                 g = torch.Generator().manual_seed(layer)
                 values = values[:, torch.randperm(values.shape[1], generator=g)[:_MOST]]
@@ -131,15 +124,3 @@ class TextureMetric:
             if i in _POOLED:
                 x = functional.max_pool2d(x, 2)
         return found
-
-
-def _places(depth: Pixels, layer: int) -> Tensor:
-    """Which places [h w] of a layer see nothing but what counts; where hardly any do, those that
-    lie deepest.
-    """
-    step = _STEP[layer]
-    height, width = (length // step * step for length in depth.shape)
-    inside = torch.from_numpy(np.ascontiguousarray(depth[:height, :width], np.float32))
-    inside = functional.avg_pool2d(inside[None, None], step)[0, 0].flatten()
-    least = min(float(_REACH[layer]), float(inside.quantile(1 - _FEWEST)))
-    return inside >= max(least, float(torch.finfo(torch.float32).tiny))

@@ -20,20 +20,16 @@ Array = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Picture:
-    """pixels: [H, W, 3], sRGB; depth: [H, W], how far inside of what counts each texel lies, in
-    texels; None: all counts. time: when it was taken, None of a scan; seconds: what it took.
-    """
+    """pixels: [H, W, 3], sRGB; time: when it was taken, None of a scan; seconds: what it took."""
 
     pixels: Array
-    depth: Array | None = None
     time: float | None = None
     seconds: float | None = None
 
     @cached_property
     def identity(self) -> str:
         """A digest of what is seen."""
-        parts = [self.pixels] if self.depth is None else [self.pixels, self.depth]
-        return identity(*(torch.from_numpy(np.ascontiguousarray(each)) for each in parts))
+        return identity(torch.from_numpy(np.ascontiguousarray(self.pixels)))
 
 
 @dataclass
@@ -55,5 +51,5 @@ class Comparison:
 
     def _look(self, picture: Picture) -> Seen:
         if picture.identity not in self._seen:
-            self._seen[picture.identity] = self.metric.seen(picture.pixels, picture.depth)
+            self._seen[picture.identity] = self.metric.seen(picture.pixels)
         return self._seen[picture.identity]

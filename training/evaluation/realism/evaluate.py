@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from collections.abc import Sequence as Names
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,6 @@ TARGETS = (*SCANS, *METALS, "relief", "spots")
 
 _RUST = "rust"
 _RUSTED = "Metal022"
-_DEEP = 6.0  # texels from the border, from where on hardly anything changes
 _EFFORT = Effort(rival_texels=64)
 
 Shown = dict[str, Picture]
@@ -136,14 +135,15 @@ def _scan(bench: _Bench, name: str) -> dict[str, Target]:
     other = _other(bench.data, scan.kind.other, bench.size)
     right = _whole(scan.right)
     half = _at_mean(aged, right.pixels)
-    real = {"same_scan": _whole(scan.left), "other_scan": replace(other, depth=None)}
-    full = {"same_scan": _weathered(scan.left), "other_scan": other}
+    real = {"same_scan": _whole(scan.left), "other_scan": other[0]}
+    full = {"same_scan": Picture(scan.weathered(scan.left)), "other_scan": other[1]}
+    gone = Picture(scan.weathered(scan.right))
     bench.sheets[name] = {
         "half way": {"truth": right, **half, **real},
-        "fully": {**_at_end(aged)},
+        "fully": {"truth": gone, **_at_end(aged), **full},
     }
     return {
-        name: bench.target(_weathered(scan.right), {**_at_end(aged), **full}, learned.seconds),
+        name: bench.target(gone, {**_at_end(aged), **full}, learned.seconds),
         name + HALF_WAY: bench.target(right, {**half, **real}, learned.seconds),
     }
 
@@ -191,11 +191,6 @@ def _whole(half: Half) -> Picture:
     return Picture(half.picture)
 
 
-def _weathered(half: Half) -> Picture:
-    """Only places that see nothing but what has weathered for good."""
-    return Picture(half.picture, half.depth - _DEEP)
-
-
 def _halves(data: Path, name: str, size: int) -> tuple[Picture, Picture]:
     """Both halves of a scan that is weathered all over."""
     color = encoded(read_part(scan_folder(data, name), size).base_color)
@@ -203,11 +198,11 @@ def _halves(data: Path, name: str, size: int) -> tuple[Picture, Picture]:
     return Picture(color[:, :middle]), Picture(color[:, middle:])
 
 
-def _other(data: Path, name: str, size: int) -> Picture:
-    """Half of another scan, with how far inside of what is weathered its texels lie; of one without
-    two states, all of it.
-    """
+def _other(data: Path, name: str, size: int) -> tuple[Picture, Picture]:
+    """Half of another scan, and what is weathered in it; of one without two states, all of it."""
     try:
-        return _weathered(HalvedScan.read(data, name, size).left)
+        scan = HalvedScan.read(data, name, size)
     except InputError:
-        return _halves(data, name, size)[0]
+        whole = _halves(data, name, size)[0]
+        return whole, whole
+    return _whole(scan.left), Picture(scan.weathered(scan.left))

@@ -19,10 +19,9 @@ together; their mean): 0 for the same picture, 0.03 to 0.07 for two parts of one
 its mean color.
 
 - **Scans**: methods learn from the left half and age a material that was quilted of what is \
-clean there. *Fully*: all of it weathered for good (`age --onset none`) against those places of \
-the right half that see nothing but what lies 6 texels inside of what is weathered, or as near to \
-that as there are. *Half way* (`_half`): the picture whose mean color is that of the right half, \
-against all of it.
+clean there. *Fully*: all of it weathered for good (`age --onset none`) against a picture quilted \
+of what is weathered in the right half; *same_scan* is the like of the left half. *Half way* \
+(`_half`): the picture whose mean color is that of the right half, against all of it.
 - **Metals**: the bundled rust, against other scans of rust, and half way against the right half \
 of Metal022.
 - *ours* is `training learn` and `age`; *ours_v1* are the formulas that the models of the release \

@@ -33,6 +33,7 @@ __all__ = (
 Array = NDArray[np.float32]
 
 _CLEAN = -4.0  # texels from the border, of what is clean beyond doubt
+_GONE = 3.0  # texels likewise, of what has weathered for good
 _SEED = 16
 
 
@@ -114,6 +115,15 @@ class HalvedScan:
         part = (slice(0, size), slice(0, size))
         scan = read_states(read_scan(folder).crop(*part), process=kind.process)
         return cls(name, folder, kind, scan, read_part(folder, size))
+
+    def weathered(self, half: Half) -> Array:
+        """A picture [S, S, 3] (sRGB) that wraps, half as wide as the scan, quilted of what is
+        weathered in one of its halves.
+        """
+        middle = self.maps.size[1] // 2
+        inside = half.depth > _GONE
+        usable = inside if inside.any() else half.depth > 0
+        return quilted(half.picture, usable, (False, False), middle, _SEED).clip(0, 1)
 
     @property
     def made_from(self) -> str:
