@@ -15,7 +15,7 @@ _MARKS = {True: "yes", False: "**no**", None: ""}
 _ABOUT = """\
 Distances are sliced Wasserstein distances between what VGG16 sees in two pictures (pixels and the \
 features after conv1_2, 2_2, 3_3 and 4_3; 64 directions; each in standard deviations of both \
-together; their mean): 0 for the same picture, 0.03 to 0.07 for two parts of one scan, about 1 for \
+together; their mean): 0 for the same picture, 0.03 to 0.2 for two parts of one scan, about 1 for \
 its mean color.
 
 - **Scans**: methods learn from the left half and age a material that was quilted of what is \
