@@ -54,7 +54,7 @@ def evaluate_pareto(
     settings: Sequence[Setting] = SETTINGS,
     effort: Learning | None = None,
     paper_texels: int = 4,
-    ntm: str = "rust",
+    ntm: str = "fading",
 ) -> ParetoReport:
     """Run every one of `settings` on every material of `data`/pbr (or on `materials` alone); write
     `pareto.json`, `.md` and `.png` to `output`.
