@@ -32,6 +32,7 @@ from model_runtime.contract import (
     FRAMES,
     LIVE,
     LOOKS,
+    OF_TEXTURE,
     PRINCIPLED,
     REPORT,
     STAGES,
@@ -96,7 +97,10 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "onset": request.onset,
         "tolerance": request.tolerance,
         "hashes": {},
-    } | ({"error_db": 60.0} if live else {})
+        "height": False,
+        "tile_side": 1.0,
+        "tile_unit": OF_TEXTURE,
+    } | ({"error_db": 60.0, "grain": 0} if live else {})
     (beside / REPORT).write_text(json.dumps(aged))
     shutil.rmtree(request.output, ignore_errors=True)
     beside.rename(request.output)

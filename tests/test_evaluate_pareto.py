@@ -29,7 +29,7 @@ from training.ntm import NTMConfig
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-MATERIAL = "PaintedMetal004"
+MATERIAL = "PaintedMetal007"
 TINY = Effort(NTMConfig(iterations=2, batch=8), 24, NTMConfig(iterations=2, batch=8), 2)
 MEASURED = (
     *(

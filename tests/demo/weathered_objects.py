@@ -1,4 +1,4 @@
-"""The picture of what every model does to things: five objects, eight models, three ages.
+"""The picture of what every model does to things: five objects, eleven models, three ages.
 
     BLENDER_USER_RESOURCES=PROFILE python weathered_objects.py EXTENSION.zip OUTPUT.jpg [MODEL ...]
 
@@ -24,12 +24,15 @@ import numpy as np
 
 import bmesh  # isort: skip  (it is there once bpy is)
 
-PIXELS, SAMPLES, SIZE, FRAMES = 160, 16, 512, 36
+PIXELS, SAMPLES, SIZE, FRAMES = 200, 16, 1024, 36
 SHOWN = (1, 15, 30)
 
 MATERIALS: dict[str, tuple[tuple[float, float, float], float, float]] = {
     "rust": ((0.045, 0.13, 0.115), 0.35, 0.0),
+    "peeling_metal": ((0.03, 0.09, 0.24), 0.35, 0.0),
     "patina": ((0.86, 0.45, 0.28), 0.28, 1.0),
+    "peeling_wood": ((0.5, 0.42, 0.26), 0.45, 0.0),
+    "weathered_wood": ((0.42, 0.22, 0.1), 0.45, 0.0),
     "char": ((0.42, 0.24, 0.11), 0.55, 0.0),
     "drying": ((0.16, 0.09, 0.05), 0.25, 0.0),
     "fading": ((0.45, 0.03, 0.03), 0.45, 0.0),
