@@ -36,6 +36,7 @@ FIELDS = {
     "parameters",
     "latent_dims",
     "encode_ms",
+    "refine_ms",
     "decode_us_per_sample",
     "train_minutes",
     "train_iterations",
