@@ -101,7 +101,6 @@ class _Ages(_OnMaterial):
     # All edits are made in the last step, so that one undo takes them back.
     bl_options: ClassVar[set[str]] = {"UNDO"}
     binding: ClassVar[str | None] = None
-    kind: ClassVar[type[Run]] = Run
     done: ClassVar[str] = "{} ages"
 
     object: bpy.props.StringProperty(
@@ -131,10 +130,16 @@ class _Ages(_OnMaterial):
             cls.poll_message_set(reason)
         return not reason
 
+    def kind(self) -> type[Run]:
+        """What the run does.  A method, as Blender 4.2 crashes at its end over a class that holds
+        another.
+        """
+        return Run
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             run = session.age_and_wait(
-                *self.target(context), self.object, binding=self.binding, kind=self.kind
+                *self.target(context), self.object, binding=self.binding, kind=self.kind()
             )
         except (Exception, KeyboardInterrupt) as error:
             return self.refuse(error)
@@ -154,7 +159,7 @@ class _Ages(_OnMaterial):
                 *(material, scene, self.object),
                 preview=preview,
                 binding=self.binding,
-                kind=self.kind,
+                kind=self.kind(),
             )
         except Exception as error:
             return self.refuse(error)
@@ -223,8 +228,10 @@ class TVBRDF_OT_look(_Ages, bpy.types.Operator):
     bl_idname = "tvbrdf.look"
     bl_label = "Look Where It Starts"
     bl_options: ClassVar[set[str]] = {"INTERNAL"}
-    kind = Look
     done = "The picture shows where {} starts to age"
+
+    def kind(self) -> type[Run]:
+        return Look
 
 
 class TVBRDF_OT_start_here(_OnMaterial, bpy.types.Operator):
