@@ -162,8 +162,8 @@ def test_it_starts_where_it_was_painted(folder: Path, monkeypatch):
     assert (early[:5] > 0).all() and (early[6:] == 0).all(), "a third of the time has passed"
     assert last[-1] < 0.6 * last[0]
     # Of the whole change: where it has hardly begun, a digit of the onset is much of it.
-    np.testing.assert_allclose(early_inverted[::-1], early, atol=1e-3 * early.max())
-    np.testing.assert_allclose(last_inverted[::-1], last, atol=1e-3 * last.max())
+    np.testing.assert_allclose(early_inverted[::-1], early, atol=3e-3 * early.max())
+    np.testing.assert_allclose(last_inverted[::-1], last, atol=3e-3 * last.max())
 
 
 def test_the_size_that_the_cameras_see_is_said(folder: Path, capfd):
