@@ -8,7 +8,6 @@ FOLDER is what the web server at URL shows; OLDER and NEWER are repositories to 
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 import tomllib
@@ -62,4 +61,3 @@ say("updated to")
 show(OLDER)
 install()
 say("back to")
-os._exit(0)  # Blender as a module now and then waits for itself when it frees its memory
