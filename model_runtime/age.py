@@ -10,10 +10,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from .account import account_of
+from .backend import Tensor, torch
 from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
 from .brdf.refinement import DOUBTFUL

@@ -18,10 +18,10 @@ from typing import Literal
 
 import numpy as np
 import OpenEXR
-import torch
 from PIL import Image, ImageFile, UnidentifiedImageError
 
 from .atomic import replaced
+from .backend import torch
 from .errors import InputError, OutputError, reason, shown
 from .exr import MAX_SIDE, RESAVE, check_size, read_exr, read_exr_vectors
 from .maps import HALF_MAX, Halves, Pixels

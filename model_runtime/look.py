@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
 from PIL import Image
 
+from .backend import torch
 from .contract import LOOKS, AgeRequest
 from .errors import InputError, OutputError, reason, shown
 from .memory import memory_in_words

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import torch
-from torch import Tensor
-
+from .backend import Tensor, torch
 from .channels import ALPHA, CHANNELS, REFLECTANCES
 from .maps import TorranceSparrowMaps
 

@@ -88,6 +88,11 @@ def test_the_runtime_knows_neither_the_add_on_nor_training():
         assert not packages & {"training", "tvbrdf_addon", "bpy"}, name
 
 
+def test_the_runtime_takes_torch_from_one_place():
+    for name, packages in users_of("model_runtime").items():
+        assert "torch" not in packages or room_of(name) == "model_runtime.backend", name
+
+
 def test_training_does_not_know_the_add_on():
     for name, packages in users_of("training").items():
         assert not packages & {"tvbrdf_addon", "bpy"}, name

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from .half_angle import cosines, directions
 
 __all__ = ("DisneyParameters", "evaluate")

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from ..channels import ALPHA_MIN, optics
 from ..contract import Specular
 from ..states import joined

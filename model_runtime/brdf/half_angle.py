@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-import torch
-from torch import Tensor
+from ..backend import Tensor, functional, torch
 
 __all__ = (
     "above_horizon",
@@ -44,7 +43,7 @@ def from_directions(wi: Tensor, wo: Tensor) -> Tensor:
 
     Directions that are exactly opposite have no half vector; theta_h is then 0.
     """
-    half = torch.nn.functional.normalize(wi + wo, dim=-1)
+    half = functional.normalize(wi + wo, dim=-1)
     sin_h = torch.hypot(half[..., 0], half[..., 1])
     theta_h = torch.atan2(sin_h, half[..., 2])
     safe = sin_h.clamp_min(torch.finfo(wi.dtype).tiny)

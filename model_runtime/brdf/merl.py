@@ -11,9 +11,8 @@ import math
 from pathlib import Path
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ..backend import Tensor, torch
 from ..errors import InputError, OutputError, reason, shown
 from .half_angle import above_horizon
 from .measured import BRIGHTEST, MeasuredBRDF

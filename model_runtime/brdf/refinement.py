@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from ..channels import ALPHA_MIN, KD, KS, WIDTH, optics
 from ..contract import Specular
 from ..states import joined

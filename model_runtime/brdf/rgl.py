@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ..backend import Tensor, functional, torch
 from ..errors import InputError, reason, shown
 from .half_angle import directions
 from .measured import BRIGHTEST, MeasuredBRDF
@@ -74,9 +73,9 @@ class _Warp:
     @staticmethod
     def of(density: Tensor) -> _Warp:
         cells = (density[..., 1:] + density[..., :-1]) / 2
-        conditional = torch.nn.functional.pad(cells.cumsum(-1), (1, 0))
+        conditional = functional.pad(cells.cumsum(-1), (1, 0))
         rows = conditional[..., -1]
-        marginal = torch.nn.functional.pad(((rows[:, 1:] + rows[:, :-1]) / 2).cumsum(-1), (1, 0))
+        marginal = functional.pad(((rows[:, 1:] + rows[:, :-1]) / 2).cumsum(-1), (1, 0))
         total = marginal[:, -1]
         return _Warp(
             density / total[:, None, None],

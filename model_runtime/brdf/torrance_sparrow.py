@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from ..channels import ALPHA_MIN
 from .half_angle import cosines
 

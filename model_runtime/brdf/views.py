@@ -12,9 +12,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from .half_angle import from_directions
 
 __all__ = ("Views", "other_views", "psnr_of", "tone_map", "views")

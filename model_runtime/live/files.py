@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ..backend import Tensor, torch
 from ..brdf.principled import EXACT_F0
 from ..channels import REFLECTANCES, optics
 from ..contract import (

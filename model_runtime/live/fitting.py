@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ..backend import Tensor, torch
 from ..brdf import principled
 from ..channels import ALPHA, KD, KS, optics
 from ..maps import PrincipledMaps, TorranceSparrowMaps

@@ -10,10 +10,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-from torch import Tensor
-from torch.nn import functional
 
+from ..backend import Tensor, functional, torch
 from ..channels import REFLECTANCES, clip_planes
 from ..maps import Pixels
 from ..modelling.compose import AgedTexels

@@ -21,7 +21,7 @@ from ..memory import ran_out_of_memory
 from .card import ModelCard, check_card, strict_json
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    from ..backend import Tensor
 
 __all__ = (
     "ENCODER",
@@ -200,8 +200,9 @@ def hash_tensors(tensors: Mapping[str, Tensor]) -> str:
 def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
     """Tensors and card of the model file at `path`, which must be of `kind`."""
     import safetensors
-    import torch
     from safetensors.torch import load
+
+    from ..backend import torch
 
     card = read_card(path)
     file = shown(path.name)

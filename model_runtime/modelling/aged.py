@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from ..brdf.fit import USUAL, FitEffort
 from ..contract import BALANCED, CONSTANT, DRAFT, EXACT, LSTM_LATENTS, Quality, Specular
 from ..images import Compression

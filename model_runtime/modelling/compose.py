@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
+from ..backend import Tensor, torch
 from ..channels import ALPHA, ROUGHNESS_MIN, clip_planes
 from ..maps import Halves, Pixels
 from .palette import Palette

@@ -6,9 +6,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from ..brdf.half_angle import above_horizon
 from ..brdf.torrance_sparrow import evaluate
 from ..brdf.views import tone_map

@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import torch
-from torch import Tensor
-from torch.nn import functional
-
+from ..backend import Tensor, functional, torch
 from ..channels import KS, WIDTH
 from ..contract import AgeRequest, Specular
 from ..surface.atlas import Atlas

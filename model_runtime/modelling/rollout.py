@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, nn, torch
 from ..brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.refinement import SeenFit, fit_seen
@@ -83,7 +81,7 @@ def roll_out(
         device = CPU
     if device != CPU:
         model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation)
-        assert isinstance(decoder, torch.nn.Module)
+        assert isinstance(decoder, nn.Module)
         decoder.to(device)
         if isinstance(fit, ParameterEstimator):
             fit = deepcopy(fit).to(device)

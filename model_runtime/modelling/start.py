@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
+from ..backend import Tensor
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.refinement import SeenFit
 from ..contract import AUTO, FRAMES, PRINCIPLED, TORRANCE_SPARROW, Format

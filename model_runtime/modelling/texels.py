@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
+from ..backend import Tensor, torch
 from ..brdf import principled
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.refinement import SeenFit

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
+from ..backend import Tensor, torch
 from ..brdf import principled
 from ..contract import (
     FORMATS,

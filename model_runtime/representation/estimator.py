@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import torch
-from torch import Tensor, nn
-
+from ..backend import Tensor, nn, torch
 from ..channels import ALPHA_MIN
 from ..errors import ModelFileError
 from ..model_files.weights import ESTIMATOR, load_model

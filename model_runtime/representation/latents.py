@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import torch
-from torch import Tensor
+from ..backend import Tensor, torch
 
 __all__ = (
     "PAPER_SAMPLES",

@@ -13,9 +13,7 @@ import itertools
 import math
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor, nn
-
+from ..backend import Tensor, nn, torch
 from ..brdf.half_angle import above_horizon, cosines, network_input
 from ..channels import ALPHA, ALPHA_MIN, KD, KS
 from .latents import Latents

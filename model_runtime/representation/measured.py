@@ -12,9 +12,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, nn, torch
 from ..brdf.fit import fit_angles, fit_torrance_sparrow
 from ..brdf.refinement import WELL_HELD, Measurements
 from ..brdf.views import other_views
@@ -48,7 +46,7 @@ def encode_measured(
     if not len(off):
         return Encoded(latents, db)
     with torch.inference_mode(False):
-        assert isinstance(representation, torch.nn.Module)
+        assert isinstance(representation, nn.Module)
         decoder = deepcopy(representation).requires_grad_(False)
     fitted = fit_torrance_sparrow(evaluate(fit_angles())[off]).parameters()
     starts = torch.cat((flat[off], representation.encode_parameters(fitted).flat()))

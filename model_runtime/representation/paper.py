@@ -5,10 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor, nn
-from torch.nn import functional
-
+from ..backend import Tensor, functional, nn, torch
 from ..brdf import torrance_sparrow
 from ..brdf.half_angle import above_horizon, network_input
 from ..channels import optics

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from ..states import perceptual
 
 __all__ = ("FOREIGN_SHARE", "MOST_CENTERS", "Domain")

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import torch
-from torch import Tensor, nn
-
+from ..backend import Tensor, nn, torch
 from ..channels import WIDTH
 
 __all__ = ("Affine", "Constant", "LatentLSTM", "ParameterLSTM", "TemporalModel")

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
-from torch import Tensor
-
+from ..backend import Tensor, torch
 from ..channels import WIDTH
 from ..contract import AFFINE, CONSTANT, LADDER, LSTM_LATENTS, LSTM_PARAMETERS
 from ..errors import ModelFileError, shown

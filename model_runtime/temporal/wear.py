@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from ..backend import Tensor, torch
 from ..contract import AFFINE, CONSTANT
 from ..states import clamped, perceptual
 from .ntm import NeuralTemporalModel
