@@ -5,7 +5,6 @@ from __future__ import annotations
 import bpy
 
 from . import (
-    cli,
     follow,
     learn_panel,
     look,
@@ -16,6 +15,7 @@ from . import (
     properties,
     session,
 )
+from .headless import command
 
 __all__ = ("CLASSES", "register", "unregister")
 
@@ -35,7 +35,7 @@ def register() -> None:
     learn_panel.register()
     session.register()
     follow.register()
-    cli.register()
+    command.register()
 
 
 def unregister() -> None:
@@ -46,7 +46,7 @@ def unregister() -> None:
     look.unregister()
     follow.unregister()
     outlook.unregister()
-    cli.unregister()
+    command.unregister()
     properties.unregister()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

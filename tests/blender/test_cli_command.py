@@ -21,7 +21,7 @@ import pytest
 
 from tests.blender.material_cases import pixels
 from tvbrdf.tvbrdf_addon import session
-from tvbrdf.tvbrdf_addon.cli import main
+from tvbrdf.tvbrdf_addon.headless.command import main
 from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
 
 pytestmark = pytest.mark.usefixtures("stub_worker")

@@ -1,0 +1,1 @@
+"""`blender -b ... --command age_material`: materials aged without a window."""
