@@ -14,6 +14,7 @@ from . import (
     preferences,
     properties,
     session,
+    suiting,
 )
 from .headless import command
 
@@ -46,6 +47,7 @@ def unregister() -> None:
     look.unregister()
     follow.unregister()
     outlook.unregister()
+    suiting.unregister()
     command.unregister()
     properties.unregister()
     for cls in reversed(CLASSES):

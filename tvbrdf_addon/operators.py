@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import bpy
 
-from . import session
+from . import session, suiting
 from .errors import SettingsError
 from .known import scene_of
 from .log import is_cancel, said_of
@@ -154,6 +154,7 @@ class _Ages(_OnMaterial):
             return self.execute(context)
         try:
             material, scene = self.target(context)
+            suiting.look_at(material)
             preview = is_worth_a_preview(material, scene)
             self._run = session.begin(
                 *(material, scene, self.object),

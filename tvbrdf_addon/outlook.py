@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 
 from ..model_runtime.contract import AUTO, BALANCED, EVERYWHERE, LIVE, LSTM_LATENTS
-from . import preferences, properties
+from . import preferences, properties, suiting
 from .errors import MaterialError
 from .known import by_uid, known
 from .log import said_of, tell
@@ -28,7 +28,7 @@ from .material.result import result_folder
 from .rates import Estimate, Rates, Work
 from .sentences import report_in
 
-__all__ = ("Outlook", "is_worth_a_preview", "learn", "outlook_of", "unregister")
+__all__ = ("Outlook", "is_worth_a_preview", "learn", "look_soon", "outlook_of", "unregister")
 
 # Seconds between two looks, at least; and how many times as long as a look took.
 PAUSE, SHARE = 1.0, 20.0
@@ -74,7 +74,7 @@ _rates: Rates | None = None
 def outlook_of(material: bpy.types.Material, scene: bpy.types.Scene) -> Outlook | None:
     """What aging `material` will take; None until it has been looked at, soon after."""
     uids = (material.session_uid, scene.session_uid)
-    _ask(uids)
+    look_soon(material, scene)
     settings = material.tvbrdf
     if is_aged(material):
         # Its nodes are ours now: what counts is what it was, and that is what was aged.
@@ -155,8 +155,10 @@ def _size(settings: properties.TVBRDF_PG_material, look: _Look) -> tuple[tuple[i
     return (rows * height, columns * width), why
 
 
-def _ask(uids: tuple[int, int]) -> None:
+def look_soon(material: bpy.types.Material, scene: bpy.types.Scene) -> None:
+    """Lets a timer look at `material`, and draw again where that says something new."""
     global _wanted
+    uids = (material.session_uid, scene.session_uid)
     _wanted = uids
     if not bpy.app.background and not bpy.app.timers.is_registered(_look_in_time):
         wait = 0.0 if uids not in _looks else max(0.1, _next_look - time.monotonic())
@@ -173,16 +175,19 @@ def _look_in_time() -> None:
     scene = by_uid(bpy.data.scenes, _wanted[1])
     if material is None or scene is None or is_aged(material):
         return
+    look, is_new = None, False
     try:
+        is_new = suiting.look_at(material)
         look = _look(material, scene)
     except Exception as error:  # a timer's traceback would reach nobody
         tell(said_of(error), of_error=True)
-        look = None
     ended = time.monotonic()
     _next_look = ended + max(PAUSE, SHARE * (ended - started))
-    if look is None or look == _looks.get(_wanted):
+    if look is not None and look != _looks.get(_wanted):
+        _looks[_wanted] = look
+        is_new = True
+    if not is_new:
         return
-    _looks[_wanted] = look
     for window in windows:
         for area in window.screen.areas:
             if area.type in {"NODE_EDITOR", "PROPERTIES"}:

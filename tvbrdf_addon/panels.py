@@ -7,7 +7,7 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from . import exposure, learn_panel, look, properties, session, strengths
+from . import exposure, learn_panel, look, properties, session, strengths, suiting
 from .drawing import guarded, paragraph
 from .estimate import in_bytes, in_time
 from .known import known, scene_of
@@ -18,7 +18,7 @@ from .material.reading.chosen import object_with
 from .material.reading.onset import is_invertible
 from .material.result import result_folder
 from .operators import material_of
-from .outlook import outlook_of
+from .outlook import look_soon, outlook_of
 from .rates import LONG_SECONDS
 from .run import Run, why_not
 from .sentences import report_in
@@ -65,6 +65,9 @@ def _draw_model(
     layout.prop(settings, "ntm")
     if settings.ntm == properties.OWN_FILE:
         layout.prop(settings, "ntm_file")
+    look_soon(material, scene_of(context))
+    if said := suiting.doubt(material):
+        paragraph(layout, context, said, "ERROR")
     card = properties.card_of(settings)
     if card is not None:
         box = layout.box()

@@ -24,7 +24,7 @@ from ..model_runtime.contract import (
     Told,
 )
 from ..model_runtime.model_files import weights
-from . import exposure, preferences
+from . import exposure, preferences, suiting
 from .known import scene_of
 from .material.binding.retime import retime
 from .material.nodes.age import frame_range
@@ -102,9 +102,13 @@ def _items(choices: Mapping[str, Told]) -> tuple[tuple[str, str, str], ...]:
 
 
 def _model_items(
-    _self: TVBRDF_PG_material, _context: bpy.types.Context | None
+    self: TVBRDF_PG_material | None, _context: bpy.types.Context | None
 ) -> list[tuple[str, str, str, str, int]]:
-    return models_in(preferences.model_folders()).items
+    return suiting.models_for(self.id_data if self is not None else None)
+
+
+def _choose_model(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
+    self.suggested = ""
 
 
 def _leave_scene_range(self: TVBRDF_PG_material, _context: bpy.types.Context) -> None:
@@ -144,6 +148,11 @@ class TVBRDF_PG_material(Strengths, bpy.types.PropertyGroup):
         description="What happens to the material",
         items=_model_items,
         default=enum_number("rust"),
+        update=_choose_model,
+    )
+    suggested: bpy.props.StringProperty(
+        description="The model that was chosen because it suits the material best",
+        options={"HIDDEN"},
     )
     ntm_file: bpy.props.StringProperty(
         name="Model File",

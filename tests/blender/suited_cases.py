@@ -61,24 +61,39 @@ MEASURED = {
 }
 """Materials of the two databases with the models that are right."""
 
-CALLED = {
-    **dict.fromkeys(("rusty_metal_02", "rust_coarse_01", "metal_plate", "SheetMetal004"), {"rust"}),
-    **dict.fromkeys(("green_metal_rust", "corrugated_iron_02"), {"rust", "peeling_metal"}),
-    "painted_metal_shutter": {"peeling_metal", "rust"},
-    **dict.fromkeys(("blue_painted_planks", "PaintedWood009"), {"peeling_wood"}),
-    **dict.fromkeys(("weathered_brown_planks", "WoodSiding008"), {"weathered_wood", "peeling_wood"}),
-    **dict.fromkeys(("bark_willow", "oak_veneer_01"), {"weathered_wood", "peeling_wood", "char"}),
-    **dict.fromkeys(("rock_face", "aerial_rocks_02", "PavingStones092"), {"moss"}),
-    **dict.fromkeys(("cobblestone_floor_04", "marble_01", "slate_floor"), {"moss", "soiling"}),
-    **dict.fromkeys(("red_brick_03", "castle_brick_01", "Bricks076"), {"soiling", "moss"}),
-    **dict.fromkeys(("concrete_wall_001", "factory_wall", "Facade018A"), {"soiling", "moss"}),
-    **dict.fromkeys(("painted_plaster_wall", "beige_wall_001"), {"soiling", "moss"}),
-    **dict.fromkeys(("roof_tiles_14", "asphalt_02", "Travertine009"), {"soiling", "moss"}),
-    "brown_leather": {"char", "fading"},
-    **dict.fromkeys(("denim_fabric", "cotton_jersey", "Cardboard004"), {"fading", "char"}),
-    **dict.fromkeys(("copper_roof", "Messing Brass"), {"patina"}),
-    "Plastic013A": {"soiling", "fading"},
-}
+CALLED: list[tuple[set[str], tuple[str, ...]]] = [
+    ({"rust"}, ("rusty_metal_02", "rust_coarse_01", "metal_plate", "SheetMetal004")),
+    (
+        {"peeling_metal", "rust"},
+        ("green_metal_rust", "corrugated_iron_02", "painted_metal_shutter"),
+    ),
+    ({"peeling_wood"}, ("blue_painted_planks", "PaintedWood009")),
+    ({"peeling_wood", "weathered_wood"}, ("weathered_brown_planks", "WoodSiding008")),
+    ({"char", "peeling_wood", "weathered_wood"}, ("bark_willow", "oak_veneer_01")),
+    ({"moss"}, ("rock_face", "aerial_rocks_02", "PavingStones092")),
+    (
+        {"moss", "soiling"},
+        (
+            "cobblestone_floor_04",
+            "marble_01",
+            "slate_floor",
+            "red_brick_03",
+            "castle_brick_01",
+            "Bricks076",
+            "concrete_wall_001",
+            "factory_wall",
+            "Facade018A",
+            "painted_plaster_wall",
+            "beige_wall_001",
+            "roof_tiles_14",
+            "asphalt_02",
+            "Travertine009",
+        ),
+    ),
+    ({"char", "fading"}, ("brown_leather", "denim_fabric", "cotton_jersey", "Cardboard004")),
+    ({"patina"}, ("copper_roof", "Messing Brass")),
+    ({"fading", "soiling"}, ("Plastic013A",)),
+]
 """What artists' libraries call their materials, with the models that are right for a middling gray
 one of that name.
 """

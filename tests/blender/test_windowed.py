@@ -27,3 +27,9 @@ def test_panel_is_drawn_and_clicked(tmp_path: Path) -> None:
 
 def test_the_program_survives_its_worker_and_its_extension(tmp_path: Path) -> None:
     run_in_window(HERE / "windowed_worker.py", tmp_path, STUB)
+
+
+def test_a_newcomer_finds_the_way(tmp_path: Path) -> None:
+    run_in_window(HERE / "windowed_newcomer.py", tmp_path, STUB)
+    for shot in ("first", "copper", "doubt"):
+        assert (tmp_path / f"{shot}.png").stat().st_size > 10_000
