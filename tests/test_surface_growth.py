@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -190,3 +191,35 @@ def test_where_it_is_told_to_start_it_starts_and_spreads(block, pattern):
     away = np.linalg.norm(block.position[block.covered] - place, axis=-1)
     assert onset[away < 0.03].max() < np.quantile(onset, 0.05)
     assert onset[away < 0.1].mean() < 0.6 * onset.mean()
+
+
+def test_what_is_kept_of_the_last_growth_is_never_another_s(block):
+    first = onset_of(block)
+    before = first.onset.copy()
+    first.onset[:] = 0  # what was handed out is its owner's
+    worn = np.zeros(block.size, np.float32)
+    worn[:64] = 1
+    others = (
+        onset_of(block, seed=4),
+        onset_of(block, "moss"),
+        onset_of(block, exposure=Exposure.of("rust").changed({"sky": -1})),
+        onset_of(block, marks={"wear": worn}),
+        onset_of(block, marks={"wear": 1 - worn}),
+        onset_of(block, starts=[(0, 0, 0)]),
+        onset_of(replace(block, origin=(1, 0, 0)), starts=[(0, 0, 0)]),
+        onset_of(block, pattern_size=0.2),
+        onset_of(block, amount=0.5),
+    )
+    maps = [before, *(other.onset for other in others)]
+    assert len({each.tobytes() for each in maps}) == len(maps)
+    assert onset_of(block, size=128).onset.shape == (128, 128)
+    np.testing.assert_array_equal(onset_of(block).onset, before)
+
+
+def test_the_same_again_takes_no_time(block):
+    first = onset_of(block)
+    started = time.process_time()
+    again = onset_of(block)
+    assert time.process_time() - started < 0.05
+    np.testing.assert_array_equal(first.onset, again.onset)
+    np.testing.assert_array_equal(first.rate, again.rate)

@@ -21,8 +21,7 @@ from ..reading.coverage import nearest_covered
 from ..reading.inputs import Material
 from ..resampling import resize
 from ..surface.atlas import Atlas
-from ..surface.exposure import Exposure
-from ..surface.growth import WEAR
+from ..surface.exposure import WEAR, Exposure
 from ..surface.timing import SurfaceTiming, surface_timing
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
@@ -182,9 +181,7 @@ def grown_timing(
     """The same by growth over the surface that `atlas` shows, at its own shape where the material
     is uniform.
     """
-    if worn is not None:
-        there = resize(worn.astype(np.float32), atlas.size)
-        atlas = replace(atlas, features={**atlas.features, WEAR: there})
+    marks = {} if worn is None else {WEAR: resize(worn.astype(np.float32), atlas.size)}
     if size == (1, 1):
         scale = (request.size or _UNIFORM_SIZE) / max(atlas.size)
         size = max(1, round(atlas.size[0] * scale)), max(1, round(atlas.size[1] * scale))
@@ -199,4 +196,5 @@ def grown_timing(
         amount=request.amount,
         stains=stains_of(ntm),
         starts=start_places(request.starts or ""),
+        marks=marks,
     )

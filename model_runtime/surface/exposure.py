@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -20,16 +21,23 @@ if TYPE_CHECKING:  # the add-on reads weights, and has no library for these
     from .graph import Graph
     from .points import Points
 
-__all__ = ("Exposure", "features")
+__all__ = ("BLOCKED", "MARKS", "SOUGHT", "WEAR", "Exposure", "features", "marked")
 
 Array = NDArray[np.float32]
 
 _QUANTILES = (0.02, 0.99)  # of a feature, that become 0 and 1
 _FAINT = 0.6  # power: what is a little sheltered is told from what is not at all
 _STRONGEST = 3  # power mean
-_BLOCKED = np.float32(3.0)
+_SAID = np.float32(3.0)  # of a mask: more than all else can speak against it or for it
 _SMOOTHED = 3  # times: a bake of few rays is noisy, and so is how points lie
 _FLAT = 0.04  # a feature that differs by less, of all that it could, says nothing
+
+
+WEAR, SOUGHT, BLOCKED = "wear", "sought", "blocked"
+MARKS = (WEAR, SOUGHT, BLOCKED)
+"""What may be said of texels beside their exposure: that they have begun already and it spreads
+from there, that it starts there first, and that it never does.
+"""
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,7 @@ class Exposure:
 
     def susceptibility(self, known: Mapping[str, Array]) -> Array:
         """What the features [n] that are `known`, at least one, speak for and against by their
-        weights, the strongest nearly alone; less what is `blocked`, which nothing makes up for.
+        weights, the strongest nearly alone; and what is sought or blocked, which decides.
         """
         weighted = [
             np.float32(weight) * known[name]
@@ -73,7 +81,10 @@ class Exposure:
             if name in known
         ]
         total = _together(np.maximum(weighted, 0)) - _together(np.maximum(np.negative(weighted), 0))
-        return total - _BLOCKED * known["blocked"] if "blocked" in known else total
+        for name, sign in ((SOUGHT, 1), (BLOCKED, -1)):
+            if name in known:
+                total = total + sign * _SAID * known[name]
+        return total
 
 
 _PROCESSES = {
@@ -127,8 +138,10 @@ def _together(reasons: Array) -> Array:
     return np.sum(reasons**_STRONGEST, axis=0) ** np.float32(1 / _STRONGEST)
 
 
-def features(atlas: Atlas, points: Points, graph: Graph) -> dict[str, Array]:
-    """What is known of each point, 0 to 1, by its name in `Exposure`: [n] each.
+@lru_cache(maxsize=1)
+def features(atlas: Atlas, points: Points, graph: Graph) -> Mapping[str, Array]:
+    """What is known of each point, 0 to 1, by its name in `Exposure`: [n] each; the last surface's
+    are kept, as its points are.
 
     What has not been baked follows from the points: how the surface bends, and what looks up.
     """
@@ -150,9 +163,17 @@ def features(atlas: Atlas, points: Points, graph: Graph) -> dict[str, Array]:
         for _ in range(_SMOOTHED):
             found[name] = graph.smoothed(found[name])
     return {
-        name: values if name == "blocked" else _from_0_to_1(values, points.area)
+        name: values if name == BLOCKED else _from_0_to_1(values, points.area)
         for name, values in found.items()
     }
+
+
+def marked(points: Points, marks: Mapping[str, Array]) -> dict[str, Array]:
+    """What is said (`MARKS`) of each point by maps [H, W] of its atlas: [n] each."""
+    found = {name: points.mean_of(pixels) for name, pixels in marks.items()}
+    if WEAR in found:
+        found[WEAR] = _from_0_to_1(found[WEAR], points.area)
+    return found
 
 
 def _from_0_to_1(values: Array, area: Array) -> Array:

@@ -28,7 +28,7 @@ _TO_ONE_SIDE = 0.4  # of the mean distance: how far apart the middles of a borde
 _MOST_SWEEPS = 4000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Graph:
     """The neighbors of points, nearest first, [NEIGHBORS, n]; the point itself where there are
     fewer, at an infinite distance.

@@ -16,17 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..temporal.processes import Growth
-from .exposure import Exposure
+from .exposure import WEAR, Exposure
 from .graph import Graph, arrival
 from .noise import SpaceNoise, random_numbers
 from .points import Points
 
-__all__ = ("WEAR", "Chance", "grow", "usual_unit")
+__all__ = ("Chance", "grow", "usual_unit")
 
 Array = NDArray[np.float32]
-
-WEAR = "wear"
-"""The feature of what is weathered already: what is there has begun, and spreads from there."""
 
 _SIDES = 1.25  # of the square that has the surface's area, in a tile's: half a cube shows at a time
 _STEPS = 4.0  # sizes of the default unit to a doubling

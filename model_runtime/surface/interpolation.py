@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,20 +39,13 @@ class Interpolation:
 
     @classmethod
     def of(cls, points: Points, graph: Graph, values: Array) -> Interpolation:
-        known = np.isfinite(graph.distance)
-        apart = graph.between(points.position).transpose(1, 0, 2) / points.spacing
-        apart *= known.T[..., None]
-        spread = np.einsum("nki,nkj->nij", apart, apart)
-        firm = _FIRM * np.trace(spread, axis1=1, axis2=2) + 1e-6
-        spread += firm[:, None, None] * np.eye(3, dtype=np.float32)
-        moments = np.einsum("nki,knf->nif", apart, graph.between(values))
-        slope = (_solve(spread, moments) / points.spacing).astype(np.float32)
+        frames = _Frames.of(points, graph)
+        moments = np.einsum("nki,knf->nif", frames.apart, graph.between(values))
+        slope = (frames.solved(moments) / points.spacing).astype(np.float32)
         level = values - np.einsum("nif,ni->nf", slope, points.position)
         plane = np.concatenate((level[:, None], slope), 1).transpose(0, 2, 1)
-        own = np.arange(len(points), dtype=np.int32)
-        near = np.concatenate((own[None], graph.neighbor[:_NEIGHBORS]))
         planes = np.concatenate((points.position, plane.reshape(len(points), -1)), 1)
-        return cls(planes, np.ascontiguousarray(near.T), _REACH * points.spacing)
+        return cls(planes, frames.near, _REACH * points.spacing)
 
     def at(self, position: Array, point: NDArray[np.int32]) -> Array:
         """The values at positions [m, 3], near which these points lie: [F, m]."""
@@ -70,9 +64,38 @@ class Interpolation:
         return total / weights
 
 
-def _solve(matrix: Array, right: Array) -> Array:
-    """Cramer's rule for symmetric [n, 3, 3] and [n, 3, F]: one by one LAPACK is slower."""
-    a, b, c = matrix.astype(np.float64).transpose(1, 0, 2)
-    adjugate = np.stack((np.cross(b, c), np.cross(c, a), np.cross(a, b)), 2)
-    determinant = np.einsum("ni,ni->n", a, adjugate[..., 0])
-    return np.einsum("nij,njf->nif", adjugate, right) / determinant[:, None, None]
+@dataclass(frozen=True)
+class _Frames:
+    """How the neighbors of each point lie around it, which fits a plane to values.
+
+    apart: spacings that each neighbor lies away, [n, NEIGHBORS, 3]
+    adjugate, determinant: of what these spread over, [n, 3, 3] and [n]
+    near: as in `Interpolation`
+    """
+
+    apart: Array
+    adjugate: NDArray[np.float64]
+    determinant: NDArray[np.float64]
+    near: NDArray[np.int32]
+
+    @staticmethod
+    @lru_cache(maxsize=1)
+    def of(points: Points, graph: Graph) -> _Frames:
+        """The last are kept, as the points are."""
+        known = np.isfinite(graph.distance)
+        apart = graph.between(points.position).transpose(1, 0, 2) / points.spacing
+        apart *= known.T[..., None]
+        spread = np.einsum("nki,nkj->nij", apart, apart)
+        firm = _FIRM * np.trace(spread, axis1=1, axis2=2) + 1e-6
+        spread += firm[:, None, None] * np.eye(3, dtype=np.float32)
+        # Cramer's rule for symmetric [n, 3, 3]: one by one LAPACK is slower.
+        a, b, c = spread.astype(np.float64).transpose(1, 0, 2)
+        adjugate = np.stack((np.cross(b, c), np.cross(c, a), np.cross(a, b)), 2)
+        determinant = np.einsum("ni,ni->n", a, adjugate[..., 0])
+        own = np.arange(len(points), dtype=np.int32)
+        near = np.concatenate((own[None], graph.neighbor[:_NEIGHBORS]))
+        return _Frames(apart, adjugate, determinant, np.ascontiguousarray(near.T))
+
+    def solved(self, moments: Array) -> NDArray[np.float64]:
+        """The slopes [n, 3, F] that fit best, of `moments` likewise."""
+        return np.einsum("nij,njf->nif", self.adjugate, moments) / self.determinant[:, None, None]

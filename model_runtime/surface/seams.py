@@ -5,6 +5,7 @@ unwrapped, and how much of it has started by when.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,38 +27,20 @@ _FEWEST = 16  # texels that make a mean
 
 @dataclass(frozen=True)
 class Seen:
-    """A map [H, W] by the places that it shows, on a grid of at most 1024 texels a side.
+    """A map by the texels of a grid over it that show anything: values [n] there."""
 
-    covered, values: of the grid, [h, w]
-    """
-
-    atlas: Atlas
-    covered: NDArray[np.bool_]
-    places: Places
+    grid: _Grid
     values: Array
 
     @classmethod
     def of(cls, atlas: Atlas, pixels: Array) -> Seen:
-        height, width = (
-            min(known, given, _MOST_SIDE)
-            for known, given in zip(atlas.size, pixels.shape, strict=True)
-        )
-        rows = (np.arange(height) * 2 + 1) * pixels.shape[0] // (2 * height)
-        columns = (np.arange(width) * 2 + 1) * pixels.shape[1] // (2 * width)
-        grid = np.ix_(rows, columns)
-        # Where these very texels lie, not the larger ones that a map of this size would have.
-        looked_at = np.zeros(pixels.shape, bool)
-        looked_at[grid] = atlas.covered_at((pixels.shape[0], pixels.shape[1]))[grid]
-        places = atlas.places(looked_at, range(pixels.shape[0]))
-        row, column = np.divmod(places.texel, pixels.shape[1])
-        number = np.searchsorted(rows, row) * width + np.searchsorted(columns, column)
-        return cls(atlas, looked_at[grid], replace(places, texel=number), pixels[grid])
+        grid = _Grid.of(atlas, (pixels.shape[0], pixels.shape[1]))
+        return cls(grid, pixels.reshape(-1).take(grid.texel))
 
     def share_below(self, levels: NDArray[np.float64]) -> list[float]:
         """The share of the surface whose values are below each of these rising levels."""
-        area = self.atlas.area.reshape(-1).take(self.places.baked).astype(np.float64)
-        values = self.values.reshape(-1).take(self.places.texel)
-        below = np.searchsorted(levels, values, "right")
+        area = self.grid.area.astype(np.float64)
+        below = np.searchsorted(levels, self.values, "right")
         shares = np.cumsum(np.bincount(below, area, len(levels) + 1)[:-1]) / area.sum()
         return [round(share, 4) for share in shares.tolist()]
 
@@ -68,6 +51,72 @@ class Seen:
         Texels of two places of the map that touch in space and face alike make a seam; None where
         hardly any do, or where nothing changes.
         """
+        seams = self.grid.seams
+        if seams is None:
+            return None
+        across = self._step(seams.rim, seams.other) / seams.across
+        inward = self._step(seams.rim, seams.inner) / seams.inward
+        return round(across / inward, 3) if inward > 0 else None
+
+    def _step(self, i: Index, j: Index) -> float:
+        """All steps between these texels together."""
+        return float(np.abs(self.values[i] - self.values[j]).sum(dtype=np.float64))
+
+
+@dataclass(frozen=True)
+class _Seams:
+    """Texels at the rim of an island, those across the seam and those inward of them, by their
+    places in the grid's; and all distances across and inward together, in meters.
+    """
+
+    rim: Index
+    other: Index
+    inner: Index
+    across: float
+    inward: float
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """At most 1024 texels a side of a map, of those that show anything: which of the map's they
+    are, counted row by row, and the area in square meters of what each is baked from, [n] each; and
+    where they meet across seams, None where hardly any do.
+    """
+
+    texel: Index
+    area: Array
+    seams: _Seams | None
+
+    @staticmethod
+    @lru_cache(maxsize=1)
+    def of(atlas: Atlas, size: tuple[int, int]) -> _Grid:
+        """That of a map of `size`; the last is kept, as the surface is."""
+        height, width = (
+            min(known, given, _MOST_SIDE) for known, given in zip(atlas.size, size, strict=True)
+        )
+        rows = (np.arange(height) * 2 + 1) * size[0] // (2 * height)
+        columns = (np.arange(width) * 2 + 1) * size[1] // (2 * width)
+        grid = np.ix_(rows, columns)
+        # Where these very texels lie, not the larger ones that a map of this size would have.
+        looked_at = np.zeros(size, bool)
+        looked_at[grid] = atlas.covered_at(size)[grid]
+        places = atlas.places(looked_at, range(size[0]))
+        row, column = np.divmod(places.texel, size[1])
+        number = np.searchsorted(rows, row) * width + np.searchsorted(columns, column)
+        area = atlas.area.reshape(-1).take(places.baked)
+        found = _Look(atlas, looked_at[grid], replace(places, texel=number)).seams()
+        return _Grid(places.texel, area, found)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The places that the texels of a grid show, where it is `covered` [h, w]."""
+
+    atlas: Atlas
+    covered: NDArray[np.bool_]
+    places: Places
+
+    def seams(self) -> _Seams | None:
         shape = self.covered.shape[0], self.covered.shape[1]
         position, normal = np.zeros((2, self.covered.size, 3), np.float32)
         position[self.places.texel] = self.places.position
@@ -86,10 +135,15 @@ class Seen:
         if len(nearest) < _FEWEST:
             return None
         i, inner, j = i[nearest], inner[nearest], j[nearest]
-        # A pair that coincides counts as one a twentieth of a texel apart.
-        across = self._slope(i, j, position, reach / 40)
-        inward = self._slope(i, inner, position, reach / 40)
-        return round(across / inward, 3) if inward > 0 else None
+
+        def apart_in_all(others: Index) -> float:
+            # A pair that coincides counts as one a twentieth of a texel apart.
+            lengths = np.linalg.norm(position[i] - position[others], axis=-1)
+            return float(np.maximum(lengths, reach / 40).sum(dtype=np.float64))
+
+        place = np.zeros(self.covered.size, np.int64)
+        place[self.places.texel] = np.arange(len(self.places.texel))
+        return _Seams(place[i], place[j], place[inner], apart_in_all(j), apart_in_all(inner))
 
     def _elsewhere(self, i: Index, j: Index, position: Array, reach: float) -> NDArray[np.bool_]:
         """Whether the way from i to j on the map leads elsewhere, or only by texels that are small
@@ -108,13 +162,6 @@ class Seen:
             foretold += slope.reshape(-1, 3).take(baked[i], 0) * whole[:, None]
         near = np.linalg.norm(position[j] - foretold, axis=-1) <= reach
         return ~near & (np.maximum(*map(np.abs, steps)) > _ELSEWHERE)
-
-    def _slope(self, i: Index, j: Index, position: Array, least: float) -> float:
-        """The mean step between texels, by their mean distance."""
-        values = self.values.reshape(-1)
-        step = np.abs(values[i] - values[j]).sum(dtype=np.float64)
-        distance = np.linalg.norm(position[i] - position[j], axis=-1)
-        return float(step / np.maximum(distance, least).sum(dtype=np.float64))
 
     def _rim(self, position: Array, reach: float) -> tuple[Index, Index]:
         """Numbers of texels at the rim of an island, and of the next one inward of each."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 
 import bpy
@@ -21,7 +22,7 @@ from ..reading.unwrap import active_uv_map
 from .charts import Faces
 from .shells import turned_in
 
-__all__ = ("Around", "Part", "Seen", "UVMap", "collect")
+__all__ = ("Around", "Part", "Seen", "Shown", "UVMap", "collect")
 
 Array = NDArray[np.float32]
 Numbers = NDArray[np.int64]
@@ -71,9 +72,34 @@ class Around:
 class Seen:
     """What shows the material, all else, and the objects that show it and are no meshes."""
 
-    parts: tuple[Part, ...]
+    shown: tuple[Shown, ...]
     around: tuple[Around, ...]
     no_meshes: tuple[bpy.types.Object, ...]
+
+    @cached_property
+    def parts(self) -> tuple[Part, ...]:
+        """What is shown as it lies in the world, in the same order."""
+        return tuple(_part(each) for each in self.shown)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A mesh as Blender has it, some faces of which show the material; the rest as in `Part`."""
+
+    obj: bpy.types.Object
+    mesh: _Mesh
+    matrix: mathutils.Matrix
+    others: int
+
+    def bytes(self) -> Iterator[bytes]:
+        """All that its part is made from."""
+        mesh = self.obj.data
+        assert isinstance(mesh, bpy.types.Mesh)
+        about = (self.obj.name, self.others, mesh.session_uid, len(mesh.loops), mesh.is_editmode)
+        yield repr(about).encode()
+        yield np.array(self.matrix, np.float64).tobytes()
+        for values in vars(self.mesh).values():
+            yield b"" if values is None else values.tobytes()
 
 
 @dataclass(frozen=True)
@@ -141,14 +167,14 @@ def collect(
             ]
             return own + [matrix for obj in objects for matrix in places[obj][1]]
 
-        parts, around, triangles = [], [], 0
+        shown, around, triangles = [], [], 0
         ours = owned_uv_map(material) if given is None else None
         for group in alike(meshes):
             name = given.name if given is not None else uv_map
             mesh = _mesh(copies[group[0]], depsgraph, material, name, but=ours)
             first, *more = matrices(group)
             if mesh.shows.any():
-                parts.append(_part(group[0], mesh, first, len(more)))
+                shown.append(Shown(group[0], mesh, first, len(more)))
                 around.append(Around(mesh.vertices, mesh.triangles[~mesh.shows], (first,)))
             around.append(Around(mesh.vertices, mesh.triangles, tuple(more)))
         for group in alike(others):
@@ -158,7 +184,7 @@ def collect(
             around.append(Around(mesh.vertices, mesh.triangles, tuple(matrices(group))))
             triangles += len(mesh.triangles)
     there = tuple(each for each in around if len(each.triangles) and each.matrices)
-    return Seen(tuple(parts), there, tuple(obj for obj in users if obj not in meshes))
+    return Seen(tuple(shown), there, tuple(obj for obj in users if obj not in meshes))
 
 
 def _rendered(scene: bpy.types.Scene) -> dict[bpy.types.Object, tuple[bool, Matrices]]:
@@ -328,11 +354,11 @@ def _read(
     return values.reshape(-1, width)
 
 
-def _part(obj: bpy.types.Object, mesh: _Mesh, matrix: mathutils.Matrix, others: int) -> Part:
-    shows = mesh.shows
+def _part(seen: Shown) -> Part:
+    mesh, shows = seen.mesh, seen.mesh.shows
     triangles, polygons, normals = mesh.triangles[shows], mesh.polygons[shows], mesh.normals[shows]
     uv = None if mesh.uv is None else mesh.uv[shows]
-    world = np.array(matrix, np.float64)
+    world = np.array(seen.matrix, np.float64)
     places = (mesh.vertices @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
     mirrors = np.linalg.det(world[:3, :3]) < 0
     # By the inverse transpose, times the determinant's size: no scale is too small for that.
@@ -349,4 +375,4 @@ def _part(obj: bpy.types.Object, mesh: _Mesh, matrix: mathutils.Matrix, others: 
         uv = np.where(turned[:, None, None], uv[:, ::-1], uv)
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
     faces = Faces(places[triangles], triangles, polygons)
-    return Part(obj, matrix, faces, normals.astype(np.float32), uv, others)
+    return Part(seen.obj, seen.matrix, faces, normals.astype(np.float32), uv, seen.others)

@@ -278,7 +278,8 @@ def _apart(
             f"The modifiers of “{lost[0].obj.name}” leave no UV map, so that its aging cannot "
             "follow its shape: apply them (Object > Convert > Mesh).",
         )
-    seen = Seen(tuple(part for part in seen.parts if part not in lost), seen.around, seen.no_meshes)
+        there = zip(seen.shown, seen.parts, strict=True)
+        seen = replace(seen, shown=tuple(each for each, part in there if part not in lost))
     if not seen.parts:
         return notes
     uv = np.concatenate([part.uv for part in seen.parts if part.uv is not None])

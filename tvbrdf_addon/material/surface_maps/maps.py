@@ -107,13 +107,8 @@ def _kept(folder: Path) -> SurfaceMaps:
 def _digest(seen: Seen, settings: str) -> str:
     """Of all that the maps are made from."""
     digest = hashlib.blake2b(_VERSION + settings.encode(), digest_size=16)
-    for part in seen.parts:
-        mesh = part.obj.data
-        assert isinstance(mesh, bpy.types.Mesh)
-        about = (part.obj.name, part.others, mesh.session_uid, len(mesh.loops), mesh.is_editmode)
-        digest.update(repr(about).encode())
-        for values in (part.faces.corners, part.normals, part.uv):
-            digest.update(b"" if values is None else values.tobytes())
+    for each in (each for shown in seen.shown for each in shown.bytes()):
+        digest.update(each)
     for around in seen.around:
         digest.update(around.vertices.tobytes())
         digest.update(around.triangles.tobytes())
