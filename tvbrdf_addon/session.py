@@ -107,24 +107,24 @@ def age_and_wait(
     cancelled: Callable[[], bool] = lambda: False,
     binding: str | None = None,
     kind: type[Run] = Run,
+    told: Callable[[Run], None] | None = None,
 ) -> Run:
-    """Age `material` here and now, printing progress; the run, at its end.
+    """Age `material` here and now; the run, at its end.
 
-    It is read from the object called `object_name`, or else from one that shows it.
+    It is read from the object called `object_name`, or else from one that shows it.  `told` hears
+    of each step; without it stages are printed.
 
     Raises:
         TvbrdfError: as `Run.step`.
     """
     run = begin(material, scene, object_name, binding=binding, kind=kind)
+    told = told or _by_stage()
     sentences: tuple[str, ...] = ()
-    said = ""
     try:
         while run.step():
             if cancelled():
                 run.cancel()
-            if run.stage != said:
-                said = run.stage
-                tell(f"{run.plan.material_name}: {run.fraction:4.0%} {run.stage}")
+            told(run)
             time.sleep(POLL_SECONDS)
         sentences = tuple(run.warnings)
         for warning in sentences:
@@ -132,6 +132,18 @@ def age_and_wait(
     finally:
         finish(run, icon="ERROR", sentences=sentences)
     return run
+
+
+def _by_stage() -> Callable[[Run], None]:
+    said = ""
+
+    def tell_of(run: Run) -> None:
+        nonlocal said
+        if run.stage != said:
+            said = run.stage
+            tell(f"{run.plan.material_name}: {run.fraction:4.0%} {run.stage}")
+
+    return tell_of
 
 
 def stop_worker() -> None:

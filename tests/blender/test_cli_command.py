@@ -20,12 +20,11 @@ import numpy as np
 import pytest
 
 from tests.blender.material_cases import pixels
+from tests.blender.three_planes import USUAL, aged, build
 from tvbrdf.tvbrdf_addon import session
 from tvbrdf.tvbrdf_addon.headless.command import main
-from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
 
 pytestmark = pytest.mark.usefixtures("stub_worker")
-USUAL = ("--ntm", "rust", "--frames", "1-20", "--steps", "4", "--onset", "none", "--size", "16")
 
 
 @pytest.fixture
@@ -33,18 +32,8 @@ def folder(empty_scene: bpy.types.Scene, tmp_path: Path, monkeypatch: pytest.Mon
     """The folder of a saved file with three planes of Steel, Copper and Oak."""
     monkeypatch.setenv("TVBRDF_STUB_SECONDS", "0")
     monkeypatch.chdir(tmp_path)
-    for name in ("Steel", "Copper", "Oak"):
-        bpy.ops.mesh.primitive_plane_add()
-        material = bpy.data.materials.new(name)
-        if bpy.app.version < (5, 0):
-            material.use_nodes = True
-        bpy.context.object.data.materials.append(material)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "file.blend"))
+    build(tmp_path)
     return tmp_path
-
-
-def aged() -> set[str]:
-    return {material.name for material in bpy.data.materials if is_aged(material)}
 
 
 def test_many_materials_each_in_its_folder(folder: Path):

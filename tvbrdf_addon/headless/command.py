@@ -3,7 +3,7 @@
 Exit codes: 0 everything asked for was written, 1 something was not (each with its reason), 2 wrong
 usage, 130 interrupted by Ctrl-C, 143 by SIGTERM.  Where any material cannot be aged, the others
 still are, and `--save-as` writes nothing; an interrupt leaves the material that is being aged as it
-was and starts no other.
+was and starts no other.  What a pattern means and cannot be aged is left out and said.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from .. import session
 from ..interrupt import Interrupts
 from ..known import scene_of
 from ..log import said_of, tell
-from ..operators import find_material
-from .parser import NAME, parser
+from .choice import Task, choose
+from .jobs import Job, jobs_of
+from .parser import NAME, UsageError, parser
+from .progress import Progress
 from .saving import require_place, save
-from .settings import apply
 
 __all__ = ("main", "register", "unregister")
 
@@ -29,56 +30,69 @@ _command: object | None = None
 
 def main(argv: Sequence[str]) -> int:
     """Age the materials that `argv` names, in the file that is open; the exit code."""
-    try:
-        arguments = parser().parse_args(argv)
-    except SystemExit as end:
-        return int(end.code or 0)
+    options = parser()
     with Interrupts() as interrupts:
         try:
-            code = _run(arguments, interrupts)
+            arguments = options.parse_args(argv)
+            code = _run(arguments, jobs_of(arguments), interrupts)
+        except UsageError as error:
+            tell(f"{options.format_usage()}{NAME}: {error}", of_error=True)
+            code = 2
+        except SystemExit as end:  # of argparse
+            code = int(end.code or 0)
         except Exception as error:
             code = _failed(said_of(error))
     return interrupts.exit_code or code
 
 
-def _run(arguments: argparse.Namespace, interrupts: Interrupts) -> int:
+def _run(arguments: argparse.Namespace, jobs: Sequence[Job], interrupts: Interrupts) -> int:
     require_place(arguments.save_as)
-    materials = [find_material(name) for name in dict.fromkeys(arguments.material)]
-    for material in materials:
-        apply(arguments, material)
-    failures = [
-        material.name
-        for material in materials
-        if not _age(material, arguments.object or "", interrupts)
-    ]
+    progress = Progress(arguments.progress, quiet=arguments.quiet)
+    choice = choose(jobs, scene_of(bpy.context))
+    for sentence in dict.fromkeys(choice.refused.values()):
+        _failed(sentence)
+    for name, reason in choice.left_out.items():
+        tell(f"{name}: Left out: {reason}")
+    failures = [*choice.refused]
+    progress.materials = len(choice.tasks)
+    for task in choice.tasks:
+        if not _age(task, progress, interrupts):
+            failures.append(task.material.name)
+        progress.ended += 1
     if failures:
         unsaved = f" {arguments.save_as} was not written." if arguments.save_as else ""
         return _failed(f"Not aged: {', '.join(failures)}.{unsaved}")
     if interrupts.caught:
         return _failed("Interrupted when all was aged; nothing was saved.")
-    save(arguments.save_as)
+    saved = save(arguments.save_as)
+    tell(f"{NAME}: {_counted(len(choice.tasks))} aged{saved and f', saved as {saved}'}.")
     return 0
 
 
-def _age(material: bpy.types.Material, object_name: str, interrupts: Interrupts) -> bool:
+def _age(task: Task, progress: Progress, interrupts: Interrupts) -> bool:
     if interrupts.caught:
         return False
-    name = material.name
+    name = task.material.name
     try:
         run = session.age_and_wait(
-            material,
+            task.material,
             scene_of(bpy.context),
-            object_name,
+            task.wanted.object_name,
             cancelled=lambda: bool(interrupts.caught),
+            told=progress.of,
         )
     except Exception as error:
         # One material's trouble must not keep the others from being aged.
         tell(f"{name}: {said_of(error)}", of_error=True)
         return False
     if run.size_reason:
-        tell(f"{name}: {run.size_reason}")
-    tell(f"{name}: {run.aged['frames']} frames in {run.plan.folder}")
+        progress.note(f"{name}: {run.size_reason}")
+    progress.note(f"{name}: {run.aged['frames']} frames in {run.plan.folder}")
     return True
+
+
+def _counted(materials: int) -> str:
+    return f"{materials} material{'s' * (materials != 1)}"
 
 
 def _failed(sentence: str) -> int:

@@ -1,24 +1,17 @@
-"""What `age_material` may be told on the command line."""
+"""What `age_material` may be told: on the command line, and of some materials in a job file."""
 
 from __future__ import annotations
 
 import argparse
-import math
-import re
+from typing import NoReturn
 
 from ...model_runtime.console import Parser
-from ...model_runtime.contract import (
-    AUTO,
-    BINDINGS,
-    CHOICES,
-    QUALITIES,
-    RANGES,
-    SPECULARS,
-    option,
-)
+from ...model_runtime.contract import BINDINGS, CHOICES, QUALITIES, RANGES, SPECULARS, option
 from .. import properties
+from . import values
+from .progress import STYLES
 
-__all__ = ("ATTRIBUTE", "NAME", "parser")
+__all__ = ("ATTRIBUTE", "NAME", "UsageError", "line_parser", "names_materials", "parser", "wanting")
 
 NAME = "age_material"
 # Before the name of a color attribute, where an image could stand.
@@ -27,53 +20,112 @@ ATTRIBUTE = "attribute:"
 _LARGEST = 2**31 - 1
 
 
-def parser() -> argparse.ArgumentParser:
+class UsageError(ValueError):
+    """Options that cannot be understood."""
+
+
+class _LineParser(Parser):
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(message)
+
+
+def parser() -> Parser:
+    """Reads the command line."""
     options = Parser(
         prog=f"blender -b FILE.blend --command {NAME}",
         description="Age materials of the open file over the timeline.",
         allow_abbrev=False,
     )
+    _add_materials(options)
     options.add_argument(
-        "--material", action="append", required=True, metavar="NAME", help="can be repeated"
+        "--jobs",
+        metavar="FILE",
+        help="more materials, one job a line in these options, which hold for it alone",
+    )
+    options.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
+    options.add_argument(
+        "--progress",
+        choices=STYLES,
+        default=STYLES[0],
+        help="how progress is printed: for people, or as Open Job Description has it",
+    )
+    options.add_argument(
+        "--quiet", action="store_true", help="print warnings, errors and what came of it, no more"
+    )
+    _add_settings(options)
+    _add_start(options)
+    return options
+
+
+def line_parser() -> Parser:
+    """Reads a line of a job file; raises `UsageError`."""
+    options = _LineParser(add_help=False, allow_abbrev=False)
+    _add_materials(options)
+    _add_settings(options)
+    _add_start(options)
+    return options
+
+
+def names_materials(arguments: argparse.Namespace) -> bool:
+    return bool(arguments.material or arguments.all)
+
+
+def wanting(arguments: argparse.Namespace) -> str | None:
+    """What a job that names materials still has to be told, or None."""
+    missing = [option(name) for name in ("ntm", "frames") if getattr(arguments, name) is None]
+    if not missing:
+        return None
+    return f"the following arguments are required: {', '.join(missing)}"
+
+
+def _add_materials(options: Parser) -> None:
+    options.add_argument(
+        "--material",
+        action="append",
+        metavar="NAME",
+        help="a name, or a pattern such as 'Paint*'; can be repeated",
+    )
+    options.add_argument(
+        "--all", action="store_true", help="every material of the file that can be aged"
     )
     options.add_argument(
         "--object", metavar="NAME", help="object to read them from (one whose faces show them)"
     )
-    options.add_argument("--ntm", required=True, metavar="NAME_OR_FILE", help="rust, patina, ...")
+
+
+def _add_settings(options: Parser) -> None:
+    options.add_argument("--ntm", metavar="NAME_OR_FILE", help="rust, patina, ...")
     options.add_argument(
-        "--frames", type=_frames, required=True, metavar="A-B", help="the scene's range to age over"
+        "--frames", type=values.frames, metavar="A-B", help="the scene's range to age over"
     )
     options.add_argument(
-        "--steps", type=_whole(2, RANGES["frames"][1]), metavar="N", help="stages to model (36)"
+        "--steps",
+        type=values.whole(2, RANGES["frames"][1]),
+        metavar="N",
+        help="stages to model (36)",
     )
     options.add_argument("--output", metavar="DIR", help="folder for all results (//aged)")
-    options.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
     options.add_argument(
         "--size",
-        type=_size,
+        type=values.size,
         metavar="auto|PX",
         help="longer side, of each UDIM tile; auto: what the cameras see",
     )
     options.add_argument(
-        "--tolerance", type=_number(10, 100, " of dB"), metavar="DB", help="10 to 100 dB (45)"
+        "--tolerance", type=values.number(10, 100, " of dB"), metavar="DB", help="10 to 100 dB (45)"
     )
     options.add_argument(
-        "--grain", type=_number(0, 1), metavar="SHARE", help="how much places differ, 0 to 1 (1)"
+        "--grain",
+        type=values.number(0, 1),
+        metavar="SHARE",
+        help="how much places differ, 0 to 1 (1)",
     )
     options.add_argument(
-        "--relief", type=_number(0, 1), metavar="SHARE", help="how much it rises and sinks (1)"
+        "--relief",
+        type=values.number(0, 1),
+        metavar="SHARE",
+        help="how much it rises and sinks (1)",
     )
-    options.add_argument(
-        "--onset",
-        metavar=f"auto|none|IMAGE|{ATTRIBUTE}NAME",
-        help="where aging starts (auto): black in an image or a color attribute, white last",
-    )
-    options.add_argument(
-        "--onset-invert",
-        action=argparse.BooleanOptionalAction,
-        help="white first, black last",
-    )
-    options.add_argument("--seed", type=_whole(0, _LARGEST), metavar="N", help="of the onset (0)")
     for name, choices in (
         ("quality", QUALITIES),
         ("temporal_model", CHOICES["temporal_model"]),
@@ -82,47 +134,38 @@ def parser() -> argparse.ArgumentParser:
         ("specular", SPECULARS),
     ):
         options.add_argument(option(name), choices=[*choices])
-    return options
 
 
-def _frames(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(-?\d{1,18})-(-?\d{1,18})", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{text} is not a range such as 1-250")
-    start, end = int(match[1]), int(match[2])
-    if max(-start, end) > properties.LAST_FRAME:
-        raise argparse.ArgumentTypeError(f"Blender knows no frame after {properties.LAST_FRAME}")
-    if end <= start:
-        raise argparse.ArgumentTypeError(f"{text} is empty: the last frame comes after the first")
-    return start, end
-
-
-def _whole(least: int, most: int):
-    def whole(text: str) -> int:
-        value = int(text) if re.fullmatch(r"-?\d{1,18}", text) else None
-        if value is None or not least <= value <= most:
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a whole number of at least {least} and at most {most}"
-            )
-        return value
-
-    return whole
-
-
-def _size(text: str) -> int | str:
-    return text if text == AUTO else _whole(16, 8192)(text)
-
-
-def _number(least: float, most: float, unit: str = ""):
-    def number(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(
-                f"{text} is not a number{unit} from {least:g} to {most:g}"
-            )
-        return value
-
-    return number
+def _add_start(options: Parser) -> None:
+    """Where aging starts."""
+    options.add_argument(
+        "--onset",
+        metavar=f"auto|none|IMAGE|{ATTRIBUTE}NAME",
+        help="where aging starts (auto): black in an image or a color attribute, white last",
+    )
+    options.add_argument(
+        "--exposure",
+        type=values.exposure,
+        metavar="edges=1,ground=-0.5",
+        help="what it seeks, to 1, and avoids, to -1, where not as the model does",
+    )
+    options.add_argument(
+        "--pattern-size",
+        type=values.number(0, 1e6),
+        metavar="UNITS",
+        help="how large the spots are; 0 fits them to the object (0)",
+    )
+    options.add_argument(
+        "--amount",
+        type=values.number(0.01, 1),
+        metavar="SHARE",
+        help="how much of the surface has aged at the end (1)",
+    )
+    options.add_argument(
+        "--onset-invert",
+        action=argparse.BooleanOptionalAction,
+        help="white first, black last",
+    )
+    options.add_argument(
+        "--seed", type=values.whole(0, _LARGEST), metavar="N", help="of the onset (0)"
+    )

@@ -7,7 +7,6 @@ from pathlib import Path
 import bpy
 
 from ..errors import SettingsError
-from ..log import tell
 
 __all__ = ("file_path", "require_place", "save")
 
@@ -31,18 +30,18 @@ def require_place(save_as: str | None) -> None:
         raise SettingsError(f"{path} is no file.", "Name the .blend to save.")
 
 
-def save(save_as: str | None) -> None:
-    """Write the file that is open to `--save-as`, where that is given.
+def save(save_as: str | None) -> str:
+    """Write the file that is open to `--save-as`, where that is given; its path, or nothing.
 
     Raises:
         SettingsError: it cannot be written.
     """
     if save_as is None:
-        return
+        return ""
     path = bpy.path.abspath(file_path(save_as))
     try:
         # Remapped, so that the textures are found from wherever it is saved.
         bpy.ops.wm.save_as_mainfile(filepath=path, relative_remap=True, check_existing=False)
     except RuntimeError as error:
         raise SettingsError(f"{path} cannot be written: {error}".strip()) from error
-    tell(f"Saved {path}")
+    return path

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -15,52 +18,96 @@ from ..output import folder_meant
 from .parser import ATTRIBUTE
 from .saving import file_path
 
-__all__ = ("apply",)
+__all__ = ("Wanted",)
+
+# Options that are settings of the same name and values.
+_AS_THEY_ARE = (
+    *("steps", "quality", "tolerance", "temporal_model", "seed", "binding", "format"),
+    *("specular", "grain", "relief", "pattern_size", "amount"),
+)
 
 
-def apply(arguments: argparse.Namespace, material: bpy.types.Material) -> None:
-    """Keep what was asked for in the material's settings, as the panel does."""
-    settings = material.tvbrdf
-    if material.library is not None:
-        raise SettingsError(
-            f"{material.name} is linked from another file.", "Make it local there first."
+@dataclass(frozen=True)
+class Wanted:
+    """What a job says of its materials, looked up once for all of them.
+
+    `values` are set one after the other, then `exposure` on top of what the model seeks; what is
+    None or not among them stays as it is.  Materials are read from the object `object_name`, or
+    one that shows them where that is empty.
+    """
+
+    values: tuple[tuple[str, Any], ...]
+    exposure: Mapping[str, float] | None
+    onset_invert: bool | None
+    object_name: str
+
+    @classmethod
+    def of(cls, arguments: argparse.Namespace) -> Wanted:
+        """Raises `TvbrdfError` for a model, an image or a folder that is not there."""
+        values: list[tuple[str, Any]] = [*_model(arguments.ntm)]
+        values += zip(("frame_start", "frame_end"), arguments.frames, strict=True)
+        values += _onset(arguments.onset)
+        if arguments.output is not None:
+            values.append(("output", _output(arguments.output)))
+        if arguments.size is not None:
+            camera = arguments.size == AUTO
+            values.append(("use_camera_size", True) if camera else ("size", arguments.size))
+        values += [
+            (name, value)
+            for name in _AS_THEY_ARE
+            if (value := getattr(arguments, name)) is not None
+        ]
+        return cls(
+            values=tuple(values),
+            exposure=arguments.exposure,
+            onset_invert=arguments.onset_invert,
+            object_name=arguments.object or "",
         )
-    if arguments.ntm.endswith(".safetensors"):
-        settings.ntm, settings.ntm_file = properties.OWN_FILE, str(Path(arguments.ntm).absolute())
-    else:
-        weights.find_model(arguments.ntm, preferences.model_folders())
-        settings.ntm = arguments.ntm
-    settings.frame_start, settings.frame_end = arguments.frames
-    _apply_onset(arguments, settings)
-    if arguments.output is not None:
-        settings.output = _output(arguments.output)
-    if arguments.size == AUTO:
-        settings.use_camera_size = True
-    elif arguments.size is not None:
-        settings.size = arguments.size
-    for name in (
-        *("steps", "quality", "tolerance", "temporal_model", "seed", "binding", "format"),
-        *("specular", "grain", "relief"),
-    ):
-        if (value := getattr(arguments, name)) is not None:
+
+    def keep_in(self, material: bpy.types.Material) -> None:
+        """Keep it in the settings of `material`, as the panel does.
+
+        Raises:
+            SettingsError: it is linked, or has no start that could be inverted.
+        """
+        settings = material.tvbrdf
+        if material.library is not None:
+            raise SettingsError(
+                f"{material.name} is linked from another file.", "Make it local there first."
+            )
+        for name, value in self.values:
             setattr(settings, name, value)
+        if self.exposure is not None:
+            settings.use_own_exposure = True  # which takes over what the model seeks
+            for name, weight in self.exposure.items():
+                setattr(settings.exposure, name, weight)
+        if self.onset_invert is None:
+            return
+        if settings.onset not in ("image", "attribute"):
+            raise SettingsError(
+                "There is no start image to invert, and no color attribute.",
+                "Name one with --onset.",
+            )
+        settings.onset_invert = self.onset_invert
 
 
-def _apply_onset(arguments: argparse.Namespace, settings: properties.TVBRDF_PG_material) -> None:
-    onset = arguments.onset
+def _model(ntm: str | None) -> tuple[tuple[str, Any], ...]:
+    if ntm is None:
+        return ()
+    if ntm.endswith(".safetensors"):
+        return ("ntm", properties.OWN_FILE), ("ntm_file", str(Path(ntm).absolute()))
+    weights.find_model(ntm, preferences.model_folders())
+    return (("ntm", ntm),)
+
+
+def _onset(onset: str | None) -> tuple[tuple[str, Any], ...]:
+    if onset is None:
+        return ()
     if onset in (AUTO, EVERYWHERE):
-        settings.onset = onset
-    elif onset is not None and onset.startswith(ATTRIBUTE):
-        settings.onset, settings.onset_attribute = "attribute", onset.removeprefix(ATTRIBUTE)
-    elif onset is not None:
-        settings.onset, settings.onset_image = "image", _image(onset)
-    if arguments.onset_invert is None:
-        return
-    if settings.onset not in ("image", "attribute"):
-        raise SettingsError(
-            "There is no start image to invert, and no color attribute.", "Name one with --onset."
-        )
-    settings.onset_invert = arguments.onset_invert
+        return (("onset", onset),)
+    if onset.startswith(ATTRIBUTE):
+        return ("onset", "attribute"), ("onset_attribute", onset.removeprefix(ATTRIBUTE))
+    return ("onset", "image"), ("onset_image", _image(onset))
 
 
 def _image(name: str) -> bpy.types.Image:
