@@ -310,11 +310,12 @@ REPORT = "aged.json"
 
 CURVES = "curves.exr"
 TIMING = "timing.exr"
-COEFFICIENTS_A_FILE = 3
-"""Coefficients of a live material that share an image, one in each of its colors."""
+COEFFICIENTS_A_FILE = 4
+"""Coefficients of a live material that share an image, one in each of its channels."""
 
 _RESULT_FILE = re.compile(
-    r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.exr|" + "|".join(map(re.escape, (TIMING, CURVES)))
+    r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.(?:png|exr)|"
+    + "|".join(map(re.escape, (TIMING, CURVES)))
 )
 
 
@@ -325,7 +326,7 @@ def frame_file(map_name: str, k: int) -> str:
 
 def coefficients_file(number: int) -> str:
     """A file of coefficients of a live material, counted from 0."""
-    return f"coefficients_{number}.exr"
+    return f"coefficients_{number}.png"
 
 
 def is_result_file(name: str) -> bool:

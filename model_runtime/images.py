@@ -1,4 +1,4 @@
-"""Images in and out: JPEG, PNG, TIFF and EXR to float32 arrays, and arrays to half-float EXR.
+"""Images in and out: JPEG, PNG, TIFF and EXR to float32 arrays, and arrays to EXR and PNG.
 
 Row 0 is the top row; colors are linear Rec.709. Nothing here keeps state, so threads may read
 and write side by side; but OpenEXR holds the interpreter while it codes, so they gain little.
@@ -12,6 +12,7 @@ import os
 import sys
 import threading
 import warnings
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal
@@ -24,7 +25,7 @@ from .atomic import replaced
 from .backend import torch
 from .errors import InputError, OutputError, reason, shown
 from .exr import MAX_SIDE, RESAVE, check_size, read_exr, read_exr_vectors
-from .maps import HALF_MAX, Halves, Pixels
+from .maps import HALF_MAX, Bytes, Halves, Pixels
 from .memory import ran_out_of_memory
 
 __all__ = (
@@ -32,9 +33,11 @@ __all__ = (
     "MAX_SIDE",
     "Compression",
     "Depth",
+    "read_bytes",
     "read_image",
     "read_vectors",
     "write_exr",
+    "write_png",
 )
 
 # Pillow's own limit is lower than ours, and speaks of bombs; sizes are checked here instead.
@@ -161,6 +164,28 @@ def write_exr(
     OpenEXR.File(header, channels, num_threads=0).write(content)
     with replaced(Path(path)) as beside:
         beside.write_bytes(content.getbuffer())
+
+
+def write_png(path: str | Path, pixels: Bytes) -> None:
+    """Write [H, W, 3 or 4], the fourth channel as alpha; whole or not at all."""
+    content = io.BytesIO()
+    # Measured with 1024 x 1024 texels of four noises: 100 ms and 3.9 MB; what takes longer finds
+    # no more that repeats.
+    Image.fromarray(np.ascontiguousarray(pixels)).save(
+        content, "PNG", compress_level=1, compress_type=zlib.Z_RLE
+    )
+    with replaced(Path(path)) as beside:
+        beside.write_bytes(content.getbuffer())
+
+
+def read_bytes(path: str | Path) -> Pixels:
+    """What `write_png` wrote, as [H, W, 3 or 4] from 0 to 1."""
+
+    def read(path: Path) -> Pixels:
+        with Image.open(path, formats=["PNG"]) as image:
+            return np.asarray(image, np.float32) / 255
+
+    return _read_with(read, Path(path), (".png",))
 
 
 def _half(plane: Pixels | Halves) -> Halves:

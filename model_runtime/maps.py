@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from .channels import ALPHA, KD, KS, WIDTH
 
-__all__ = ("HALF_MAX", "Halves", "Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
+__all__ = ("HALF_MAX", "Bytes", "Halves", "Maps", "Pixels", "PrincipledMaps", "TorranceSparrowMaps")
 
 Pixels = NDArray[np.float32]
 Halves = NDArray[np.float16]
+Bytes = NDArray[np.uint8]
 
 HALF_MAX = 65504.0
 """The largest number that half floats hold, in which maps are written."""

@@ -114,20 +114,20 @@ def look(request: AgeRequest, reporter: object) -> dict:
         raise InputError("There is no surface.", "Show the material on something.")
     request.output.mkdir(parents=True, exist_ok=True)
     for name in LOOKS:
-        (request.output / name).write_bytes(_png())
+        (request.output / name).write_bytes(_png(1, b"\x80"))
     return {"pictures": [*LOOKS]}
 
 
-def _png() -> bytes:
-    """One gray pixel (PNG specification, 2003)."""
+def _png(side: int, pixel: bytes) -> bytes:
+    """A square of this gray or RGB pixel (PNG specification, 2003)."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return (
             struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
         )
 
-    header = struct.pack(">2I5B", 1, 1, 8, 0, 0, 0, 0)
-    pixels = zlib.compress(b"\0\x80")
+    header = struct.pack(">2I5B", side, side, 8, 2 if len(pixel) == 3 else 0, 0, 0, 0)
+    pixels = zlib.compress((b"\0" + pixel * side) * side)
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         (chunk(b"IHDR", header), chunk(b"IDAT", pixels), chunk(b"IEND", b""))
     )
@@ -152,7 +152,7 @@ def _live(folder: Path) -> dict[str, object]:
     shape = [(0.0,) * 3, (0.1,) * 3]
     write_exr(folder / CURVES, [gain] * 3 + [nothing] * 3 + [shape] * 3)
     write_exr(folder / TIMING, [[(0.0, 1.0, 0.0)] * SIDE] * SIDE)
-    write_exr(folder / coefficients_file(0), [[(0.2, 0.0, 0.0)] * SIDE] * SIDE)
+    (folder / coefficients_file(0)).write_bytes(_png(SIDE, bytes((51, 0, 0))))
     return {"curves": CURVES, "timing": TIMING, "coefficients": [coefficients_file(0)]}
 
 

@@ -5,15 +5,43 @@ Imports no torch, so that Blender's side can use it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..brdf import principled
 from ..channels import ALPHA, KD, KS, WIDTH, clip_planes, optics
+from ..contract import COEFFICIENTS_A_FILE
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
-__all__ = ("Curves", "LiveMaps")
+__all__ = ("BYTES", "HALVES", "Curves", "LiveMaps", "Packing")
+
+
+@dataclass(frozen=True)
+class Packing:
+    """How coefficients lie in images, whose values are from 0 to 1: so many `in_each`; those of
+    grain, which are 0 where `grain_zero` is, are that much less.
+    """
+
+    in_each: int
+    grain_zero: float
+
+    def unpacked(
+        self, images: Sequence[Pixels], size: tuple[int, ...], count: int, grain: int
+    ) -> Pixels:
+        """The `count` coefficients [H, W, R] of `images` [H, W, 3 or more] of that `size`, the
+        last `grain` of them grain.
+        """
+        channels = (image[..., : self.in_each] for image in images)
+        found = np.concatenate((np.empty((*size, 0), np.float32), *channels), -1)[..., :count]
+        found[..., count - grain :] -= np.float32(self.grain_zero)
+        return found
+
+
+BYTES = Packing(COEFFICIENTS_A_FILE, 128 / 255)
+HALVES = Packing(3, 0.0)
+"""That of floats, in results of earlier."""
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,18 @@
 """The files of a live material, beside `aged.json`.
 
-`timing.exr` (absent where the age is the time) and `coefficients_0.exr ...`, three coefficients
-each, are textures of half floats; `curves.exr` is a table of single floats (`Curves.packed`).
+`timing.exr` (absent where the age is the time) is a texture of half floats, `coefficients_0.png
+...`, four coefficients each, of bytes; `curves.exr` is a table of single floats (`Curves.packed`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..backend import Tensor, torch
 from ..brdf.principled import EXACT_F0
@@ -26,19 +27,21 @@ from ..contract import (
     Format,
     coefficients_file,
 )
-from ..images import read_image
-from ..maps import Halves, Pixels
+from ..images import read_bytes, read_image
+from ..maps import Pixels
 from ..modelling.compose import AgedTexels
 from ..modelling.residues import HEIGHT_PLACE, Residues
 from ..output.stored import StagedResult
-from .evaluate import Curves, LiveMaps
+from .evaluate import BYTES, Curves, LiveMaps
 from .low_rank import MOST_COEFFICIENTS, LowRank
+
+_Value = TypeVar("_Value", np.float16, np.uint8)
 
 __all__ = ("live_names", "read_live", "write_live")
 
 _BAND = 1 << 15  # texels worked on at a time: what they need stays in the cache
 _HISTORIES = 1 << 12  # likewise, with all ages
-_FINEST = 4096.0  # steps of a coefficient, which is at most about 1: digits beyond only cost space
+_GRAIN_ZERO, _GRAIN_MOST = 128, 127  # of bytes
 _NEAR = 0.25  # of reflectance: texels differ by less from their entry
 
 
@@ -67,52 +70,66 @@ def write_live(
     it can hold.
     """
     files: dict[str, Any] = {"curves": CURVES}
-    residues = aged.residues and aged.residues.within(MOST_COEFFICIENTS - len(found.shapes))
-    curves = _with_residues(found.curves(), residues)
-    staged.write(CURVES, curves.packed(), depth="single")
     if timing is not None:
         files["timing"] = TIMING
-        planes = (torch.from_numpy(each.reshape(-1)) for each in timing)
-        staged.write(TIMING, _image(planes, timing[0].shape), compression="zip")
+        planes = [torch.from_numpy(each.reshape(-1)) for each in timing]
+        staged.write(TIMING, _image(planes, timing[0].shape, np.float16), compression="zip")
     elif aged.onset is not None:
         files["timing"] = TIMING
         rate = torch.ones(()) if aged.rate is None else aged.rate
-        staged.write(TIMING, _image((aged.onset, rate), size), compression="zip")
-    coefficients = torch.empty(len(curves.shapes), len(aged.initial), dtype=torch.half)
-    for start in range(0, len(aged.initial), _BAND):
-        band = slice(start, start + _BAND)
-        found_here = found.of(aged.initial[band], aged.palette.index[band])
-        own = [found_here.T]
-        if residues is not None and len(residues.shapes):
-            own.append(residues.coefficients[:, band] / residues.largest[:, None])
-        coefficients[:, band] = (torch.cat(own) * _FINEST).round().div(_FINEST)
+        staged.write(TIMING, _image((aged.onset, rate), size, np.float16), compression="zip")
+    curves, coefficients = found.curves(), [*_in_bytes(found, aged)]
+    if aged.residues is not None:
+        residues = aged.residues.within(MOST_COEFFICIENTS - len(found.shapes))
+        curves, own = _with_residues(curves, residues)
+        coefficients += own
     files["coefficients"] = []
     for first in range(0, len(coefficients), COEFFICIENTS_A_FILE):
         files["coefficients"].append(coefficients_file(first // COEFFICIENTS_A_FILE))
-        some = _image(coefficients[first : first + COEFFICIENTS_A_FILE], size)
-        staged.write(files["coefficients"][-1], some, compression="zip")
+        planes = coefficients[first : first + COEFFICIENTS_A_FILE]
+        staged.write_bytes(files["coefficients"][-1], _image(planes, size, np.uint8))
+    staged.write(CURVES, curves.packed(), depth="single")
     if format == PRINCIPLED_EXACT and not _representable(found, aged):
         format = TORRANCE_SPARROW
     return format, files
 
 
-def _with_residues(curves: Curves, residues: Residues | None) -> Curves:
-    """`curves`, and those of `residues` after them, for coefficients of at most 1."""
-    if residues is None:
-        return curves
+def _in_bytes(found: LowRank, aged: AgedTexels) -> Tensor:
+    """The coefficients of `aged` in the sum `found`: bytes [R, n]."""
+    coefficients = torch.empty(len(found.shapes), len(aged.initial), dtype=torch.uint8)
+    for start in range(0, len(aged.initial), _BAND):
+        band = slice(start, start + _BAND)
+        coefficients[:, band] = found.bytes_of(aged.initial[band], aged.palette.index[band]).T
+    return coefficients
+
+
+def _with_residues(curves: Curves, residues: Residues) -> tuple[Curves, Tensor]:
+    """`curves`, and those of `residues` after them; the coefficients of these as bytes [R, n]."""
+    is_grain = torch.arange(len(residues.shapes)) >= len(residues.shapes) - residues.grain
+    least, most = (each.float() for each in residues.coefficients.aminmax(dim=1))
+    step = torch.where(is_grain, residues.largest / _GRAIN_MOST, (most - least) / 255)
+    step = step.clamp_min(1e-6)
+    least = torch.where(is_grain, -_GRAIN_ZERO * step, least)
+    coefficients = torch.empty(residues.coefficients.shape, dtype=torch.uint8)
+    for own, exact, start, each in zip(
+        coefficients, residues.coefficients, least, step, strict=True
+    ):
+        own.copy_(((exact.float() - start) / each).round_())
     ages = torch.linspace(0, 1, len(curves.gain))
-    offset = curves.offset.copy()
-    offset[:, HEIGHT_PLACE] = residues.height_at(ages).numpy()
-    shapes = residues.shapes_at(ages) * residues.largest[:, None, None]
-    return Curves(curves.gain, offset, np.concatenate((curves.shapes, shapes.numpy())))
+    shapes = residues.shapes_at(ages)
+    offset = torch.tensordot(least * ~is_grain, shapes, 1)
+    offset[:, HEIGHT_PLACE] += residues.height_at(ages)
+    shapes *= (255 * step)[:, None, None]
+    shapes = np.concatenate((curves.shapes, shapes.numpy()))
+    return Curves(curves.gain, curves.offset + offset.numpy(), shapes), coefficients
 
 
-def _image(planes: Iterable[Tensor], size: tuple[int, ...]) -> Halves:
-    """[H, W, 3] of at most three planes [H W], or of one value; what is missing is 0."""
-    image = torch.zeros(3, size[0] * size[1], dtype=torch.half)
-    for channel, plane in zip(image, planes, strict=False):
+def _image(planes: Sequence[Tensor], size: tuple[int, ...], dtype: type[_Value]) -> NDArray[_Value]:
+    """[H, W, 3 or more] of planes [H W], or of one value; what is missing is 0."""
+    image = np.zeros((max(3, len(planes)), size[0] * size[1]), dtype)
+    for channel, plane in zip(torch.from_numpy(image), planes, strict=False):
         channel.copy_(plane)
-    return np.moveaxis(image.numpy().reshape(3, *size), 0, -1)
+    return np.moveaxis(image.reshape(-1, *size), 0, -1)
 
 
 def _representable(found: LowRank, aged: AgedTexels) -> bool:
@@ -160,7 +177,6 @@ def read_live(folder: Path) -> LiveMaps:
     files: Mapping[str, Any] = report["files"]
     curves = Curves.unpacked(read_image(folder / files["curves"], color=True))
     timing = read_image(folder / files["timing"], color=True) if "timing" in files else None
-    height, width = report["size"]
-    images = [read_image(folder / name, color=True) for name in files["coefficients"]]
-    coefficients = np.concatenate((np.empty((height, width, 0), np.float32), *images), -1)
-    return LiveMaps(curves, timing, coefficients[..., : len(curves.shapes)])
+    images = [read_bytes(folder / name) for name in files["coefficients"]]
+    size, count = tuple(report["size"]), len(curves.shapes)
+    return LiveMaps(curves, timing, BYTES.unpacked(images, size, count, report.get("grain", 0)))

@@ -24,7 +24,7 @@ __all__ = ("MOST_COEFFICIENTS", "LowRank", "at_ages", "fit_low_rank")
 MOST_COEFFICIENTS = 12
 
 _ENTRIES = 2048  # from whose histories the shapes are drawn, where all texels are entries
-_SPREAD = 4096  # texels that tell how far they are from their entries
+_SPREAD = 4096  # texels that tell how far they are from their entries, and their range
 _NEIGHBORS = 12  # entries from which a slope is taken
 _STIFFNESS = 0.03  # weight of no slope at all beside theirs
 _PARTS = 4  # of the step to the first modeled age
@@ -43,6 +43,7 @@ class LowRank:
     gain, offset: [A, C]; shapes: [R, A, C]
     coefficients: [P, R] of the entries, each at most 1 in size; the first of them matter most, and
         any number of them is the best choice of as many
+    least, step: [R]: a texel's coefficient is a byte's number of steps above the least
     slopes: [P, C + 1, R]: a texel's coefficients are its perceptual coordinates and 1, times these;
         or None, where each texel is an entry
     worst: [R + 1] the entry that is left farthest by none, one ... all of the coefficients
@@ -53,6 +54,8 @@ class LowRank:
     offset: Tensor
     shapes: Tensor
     coefficients: Tensor
+    least: Tensor
+    step: Tensor
     slopes: Tensor | None
     worst: Tensor
 
@@ -62,16 +65,22 @@ class LowRank:
             self,
             shapes=self.shapes[:count],
             coefficients=self.coefficients[:, :count],
+            least=self.least[:count],
+            step=self.step[:count],
             slopes=None if self.slopes is None else self.slopes[..., :count].contiguous(),
             worst=self.worst[: count + 1],
         )
 
+    def bytes_of(self, initial: Tensor, entry: Tensor) -> Tensor:
+        """Bytes [n, R], as floats, that hold the coefficients of texels `initial` [n, C] of the
+        entries `entry` [n].
+        """
+        exact = _exact(self.coefficients, self.slopes, initial, entry)
+        return ((exact - self.least) / self.step).round().clamp(0, 255)
+
     def of(self, initial: Tensor, entry: Tensor) -> Tensor:
-        """Coefficients [n, R] of texels `initial` [n, C] of the entries `entry` [n]."""
-        if self.slopes is None:
-            return self.coefficients[entry]
-        place = functional.pad(perceptual(initial), (0, 1), value=1.0)
-        return torch.bmm(place[:, None], self.slopes[entry])[:, 0]
+        """The coefficients [n, R] that these bytes hold."""
+        return self.least + self.step * self.bytes_of(initial, entry)
 
     def at_ages(self, initial: Tensor, entry: Tensor) -> Tensor:
         """States [n, A, C] with roughness at all ages of texels `initial` [n, C] of the entries
@@ -83,15 +92,18 @@ class LowRank:
         return states
 
     def curves(self) -> Curves:
-        """At evenly spaced ages, as near to each other as the nearest of `ages`; without height."""
+        """At evenly spaced ages, as near to each other as the nearest of `ages`, for coefficients
+        of a byte / 255; without height.
+        """
         even = np.linspace(0, 1, round(1 / float(self.ages[1])) + 1)
 
         def spread(curve: Tensor) -> Pixels:
             columns = [np.interp(even, self.ages, column) for column in curve.T]
             return np.stack([*columns, np.zeros_like(even)], -1).astype(np.float32)
 
-        shapes = [spread(shape) for shape in self.shapes]
-        gain, offset = spread(self.gain), spread(self.offset)
+        shapes = [spread(shape) for shape in self.shapes * (255 * self.step)[:, None, None]]
+        least = torch.tensordot(self.least, self.shapes, 1)
+        gain, offset = spread(self.gain), spread(self.offset + least)
         return Curves(gain, offset, np.reshape(shapes, (-1, *gain.shape)))
 
 
@@ -153,7 +165,25 @@ def fit_low_rank(aged: AgedTexels) -> LowRank:
     shapes[:, 0] = 0
     coefficients = (coefficients / largest).float()
     slopes = None if len(entries) > _ENTRIES else _slopes(entries, coefficients)
-    return LowRank(ages, gain.float(), offset.float(), shapes.float(), coefficients, slopes, worst)
+    rows = _some(aged)
+    seen = torch.cat((coefficients, _exact(coefficients, slopes, aged.initial[rows], index[rows])))
+    least = seen.amin(0)
+    step = ((seen.amax(0) - least) / 255).clamp_min(1e-6)
+    curves = (gain.float(), offset.float(), shapes.float())
+    return LowRank(ages, *curves, coefficients, least, step, slopes, worst)
+
+
+def _exact(coefficients: Tensor, slopes: Tensor | None, initial: Tensor, entry: Tensor) -> Tensor:
+    """Coefficients [n, R] of texels `initial` [n, C] of the entries `entry` [n] (`LowRank`)."""
+    if slopes is None:
+        return coefficients[entry]
+    place = functional.pad(perceptual(initial), (0, 1), value=1.0)
+    return torch.bmm(place[:, None], slopes[entry])[:, 0]
+
+
+def _some(aged: AgedTexels) -> Tensor:
+    """Rows of texels at random."""
+    return torch.randint(len(aged.initial), (_SPREAD,), generator=torch.Generator().manual_seed(0))
 
 
 def _slopes(entries: Tensor, coefficients: Tensor) -> Tensor:
@@ -188,7 +218,7 @@ def _sensitivity(states: Tensor) -> Tensor:
 
 def _spread(aged: AgedTexels) -> Tensor:
     """[C]: mean square by which texels differ from their entry, with roughness."""
-    rows = torch.randint(len(aged.initial), (_SPREAD,), generator=torch.Generator().manual_seed(0))
+    rows = _some(aged)
     entry = aged.palette.entries[aged.palette.index[rows]]
     away = with_roughness(aged.initial[rows]) - with_roughness(entry)
     return away.double().square().mean(0)

@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from ..contract import REPORT
 from ..errors import OutputError, reason, shown
-from ..images import Compression, Depth, write_exr
-from ..maps import Halves, Pixels
+from ..images import Compression, Depth, write_exr, write_png
+from ..maps import Bytes, Halves, Pixels
 from ..signals import undisturbed
 from .commit import commit, require_free
 from .staging import found, staging
@@ -49,7 +50,7 @@ def check_space(folder: Path, needed: int, files: int = 0) -> None:
 
 
 class StagedResult:
-    """A context that collects EXR files and a report for `folder`, which is looked at on entry.
+    """A context that collects images and a report for `folder`, which is looked at on entry.
 
     `commit` moves them in, replacing an earlier result of ours and nothing else; leaving the
     context without it removes what was staged and leaves the earlier result as it was.
@@ -94,12 +95,15 @@ class StagedResult:
         compression: Compression | None = None,
         depth: Depth = "half",
     ) -> None:
-        """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`; errors show here or
-        later.
+        """Queue `pixels` ([H, W] or [H, W, 3]) to be written as `name`, an EXR file; errors show
+        here or later.
         """
-        self._settle(_QUEUED)
-        how = compression or self._compression, depth
-        self._pending.append((name, self._pool.submit(self._write, name, pixels, *how)))
+        how = {"compression": compression or self._compression, "depth": depth}
+        self._queue(name, partial(write_exr, pixels=pixels, **how))
+
+    def write_bytes(self, name: str, pixels: Bytes) -> None:
+        """Likewise [H, W, 3 or 4] as a PNG file."""
+        self._queue(name, partial(write_png, pixels=pixels))
 
     def finish(self) -> None:
         """Wait until everything queued is written."""
@@ -117,13 +121,15 @@ class StagedResult:
         except OSError as error:
             raise self._unwritable(error) from error
 
-    def _write(
-        self, name: str, pixels: Pixels | Halves, compression: Compression, depth: Depth
-    ) -> int:
-        """Write an image; its size in bytes."""
-        path = self._staging / name
-        write_exr(path, pixels, compression=compression, depth=depth)
-        return path.stat().st_size
+    def _queue(self, name: str, write: Callable[[Path], None]) -> None:
+        def written() -> int:
+            """The size of the file in bytes."""
+            path = self._staging / name
+            write(path)
+            return path.stat().st_size
+
+        self._settle(_QUEUED)
+        self._pending.append((name, self._pool.submit(written)))
 
     def _settle(self, allowed: int) -> None:
         while len(self._pending) > allowed:

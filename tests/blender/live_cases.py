@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
+from PIL import Image
 
 from model_runtime.brdf import principled
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
@@ -30,9 +31,10 @@ def made_up_live(
     grain: int = 0,
     height: bool = False,
     tile_side: float = 0.5,
+    earlier: bool = False,
 ) -> Path:
     """A result with `count` coefficients, the last `grain` of them grain: paint that rusts, more or
-    less, and with `height` lifts and sinks.
+    less, and with `height` lifts and sinks. `earlier` ones were floats.
     """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
@@ -57,11 +59,17 @@ def made_up_live(
         )
         write_image(folder / "timing.exr", timing.astype(np.float16))
         files["timing"] = "timing.exr"
-    files["coefficients"] = [f"coefficients_{i}.exr" for i in range(-(-count // 3))]
-    coefficients = rng.normal(0, 0.7, (*size, 3 * len(files["coefficients"])))
+    coefficients = rng.normal(0, 0.7, (*size, 12))
     coefficients[..., count:] = 0
+    each, kind_of_file = (3, "exr") if earlier else (4, "png")
+    files["coefficients"] = [f"coefficients_{i}.{kind_of_file}" for i in range(-(-count // each))]
     for i, name in enumerate(files["coefficients"]):
-        write_image(folder / name, coefficients[..., 3 * i : 3 * i + 3].astype(np.float16))
+        some = coefficients[..., each * i : each * (i + 1)]
+        if earlier:
+            write_image(folder / name, some.astype(np.float16))
+        else:
+            levels = np.clip(128 + 60 * some, 0, 255).astype(np.uint8)
+            Image.fromarray(levels).save(folder / name)
     aged = {
         "format": kind,
         "binding": "live",
@@ -109,7 +117,8 @@ def height_by_hand(
 
 def _at(folder: Path, t: float, size: tuple[int, int]) -> tuple[list[np.ndarray], np.ndarray]:
     """Gain, offset and shapes [H, W, 8] at the local ages of time `t`, and the coefficients."""
-    files = json.loads((folder / "aged.json").read_text())["files"]
+    aged = json.loads((folder / "aged.json").read_text())
+    files, count, grain = (aged[each] for each in ("files", "coefficients", "grain"))
     a = np.full(size, t)
     if "timing" in files:
         onset, rate, a0 = np.moveaxis(read(folder / files["timing"]), -1, 0)
@@ -119,8 +128,15 @@ def _at(folder: Path, t: float, size: tuple[int, int]) -> tuple[list[np.ndarray]
     curves = np.concatenate((rows[:, 0], rows[:, 1], rows[:, 2, :, :2]), -1)
     at = np.linspace(0, 1, AGES)
     now = [np.stack([np.interp(a, at, c) for c in curve.T], -1) for curve in curves]
-    c = [read(folder / name) for name in files["coefficients"]]
-    return now, np.concatenate(c, -1) if c else np.zeros((*a.shape, 0))
+    c = [_coefficients(folder / name) for name in files["coefficients"]]
+    c = np.concatenate(c, -1) if c else np.zeros((*a.shape, 0))
+    if files["coefficients"] and files["coefficients"][0].endswith(".png"):
+        c[..., count - grain : count] -= 128 / 255
+    return now, c
+
+
+def _coefficients(path: Path) -> np.ndarray:
+    return read(path) if path.suffix == ".exr" else np.asarray(Image.open(path)) / 255
 
 
 def read(path: Path) -> np.ndarray:

@@ -28,14 +28,15 @@ from tvbrdf.tvbrdf_addon.material.result import result_folder
 pytestmark = pytest.mark.usefixtures("empty_scene")
 
 
-def test_freezing_leaves_stills_and_reverts(tmp_path):
+@pytest.mark.parametrize("earlier", [False, True])
+def test_freezing_leaves_stills_and_reverts(tmp_path, earlier: bool):
     material = new_material()
     procedural(material)
     obj = plane(material)
     view_from_above()
     shown(tmp_path)  # whose image stays in the file
     before, blocks = settled(material), data_blocks()
-    folder = made_up_live(tmp_path / "live", size=(64, 64))
+    folder = made_up_live(tmp_path / "live", count=6, size=(64, 64), grain=3, earlier=earlier)
     bind(material, obj, folder, tmp_path, span=(1, 11))
     material.tvbrdf.folder, material.tvbrdf.size = str(folder), 64
     live = material.copy()

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
 
 from tests.blender.aged_cases import bind, settled
 from tests.blender.live_cases import height_by_hand, made_up_live
@@ -179,6 +180,9 @@ def test_a_slope_is_as_steep_as_the_result_says(tmp_path):
     )
 
 
+TEXELS = 16
+
+
 def slope(folder: Path, *, per_tile: float) -> None:
     """Lets the one coefficient rise from left to right, and change nothing but the height."""
     from tests.blender.live_cases import AGES, write_image
@@ -186,12 +190,12 @@ def slope(folder: Path, *, per_tile: float) -> None:
     rows = np.zeros((3, 3, AGES, 3), np.float32)
     rows[0] = 1.0
     rows[0, 2, :, 1:] = 0.0
-    rows[2, 2, :, 1] = np.linspace(0, 4 * per_tile, AGES)
+    # From the first texel's center to the last one's.
+    rows[2, 2, :, 1] = np.linspace(0, 4 * per_tile * (TEXELS - 1) / TEXELS, AGES)
     write_image(folder / "curves.exr", rows.reshape(-1, AGES, 3))
     (name,) = json.loads((folder / "aged.json").read_text())["files"]["coefficients"]
-    height, width = OpenEXR.File(str(folder / name)).channels()["RGB"].pixels.shape[:2]
-    across = np.broadcast_to((np.arange(width) + 0.5)[:, None] / width, (height, width, 3))
-    write_image(folder / name, (across * (1, 0, 0)).astype(np.float16))
+    bytes_across = np.tile(np.linspace(0, 255, TEXELS, dtype=np.uint8)[:, None], (TEXELS, 1, 3))
+    Image.fromarray(bytes_across).save(folder / name)
 
 
 def test_sliders_move_the_nodes_and_are_kept(tmp_path):

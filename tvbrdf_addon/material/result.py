@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 
 from ...model_runtime.contract import FORMATS, HEIGHT, LIVE, METERS, REPORT, frame_file
+from ...model_runtime.live.evaluate import BYTES, HALVES, Packing
 from ...model_runtime.output.commit import recover
 from ..errors import MaterialError
 from .nodes.ownership import GROUP, TAG
@@ -72,8 +73,9 @@ class AgedMaps:
 class LiveFiles:
     """A result that a shader evaluates at any age: its files, of `size` (height, width).
 
-    `timing` holds onset, rate and start of each texel (None: all age alike), `coefficients` three
-    in each texture, the last `grain` of all being grain, `curves` what they are multiplied by.
+    `timing` holds onset, rate and start of each texel (None: all age alike), `coefficients` as
+    many in each texture as their `packing` says, the last `grain` of all being grain, `curves` what
+    they are multiplied by.
     With `height` there is a change of it.
     """
 
@@ -85,6 +87,10 @@ class LiveFiles:
     grain: int = 0
     height: bool = False
     unit: Unit = _WORLD
+
+    @property
+    def packing(self) -> Packing:
+        return HALVES if any(path.suffix == ".exr" for path in self.coefficients) else BYTES
 
 
 def result_folder(material: bpy.types.Material) -> Path | None:

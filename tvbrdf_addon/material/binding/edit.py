@@ -274,7 +274,7 @@ class Edit:
         image.name = f"{self.material.name} {path.stem.rpartition('_')[0]}"
         image[TAG] = 1
         set_as_data(image)
-        image.alpha_mode = "NONE"
+        image.alpha_mode = "CHANNEL_PACKED"  # it is data, if there is any
         image.filepath = _path(path)
         return image
 

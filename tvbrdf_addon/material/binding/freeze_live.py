@@ -19,7 +19,7 @@ from ..nodes.age import age_at
 from ..nodes.record import load, require_local
 from ..nodes.strengths import GRAIN, strength
 from ..reading.onset import showing
-from ..reading.pixels import Array, read_exr, write_exr
+from ..reading.pixels import Array, read_data, read_exr, write_exr
 from ..reading.read import read
 from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
 from .bind import bind_stills
@@ -114,10 +114,8 @@ def _authored(folder: Path, size: tuple[int, int]) -> PrincipledMaps:
 
 def _evaluator(files: LiveFiles, grain: float) -> LiveMaps:
     curves = read_curves(files.curves)
-    coefficients = np.empty((*files.size, 0), np.float32)
-    for path in files.coefficients:
-        coefficients = np.concatenate((coefficients, read_exr(path)), -1)
-    coefficients = coefficients[..., : len(curves.shapes)]
+    images = [read_data(path) for path in files.coefficients]
+    coefficients = files.packing.unpacked(images, files.size, len(curves.shapes), files.grain)
     coefficients[..., len(curves.shapes) - files.grain :] *= grain
     return LiveMaps(
         curves=curves,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,18 +10,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....model_runtime.channels import ROUGHNESS_MIN, WIDTH, optics
-from ....model_runtime.contract import COEFFICIENTS_A_FILE
 from ....model_runtime.live.evaluate import Curves
 from ..nodes.strengths import GRAIN
 from ..result import LiveFiles
 from .formula import Canvas, Number, Numeric, Triple, dot
 from .stops import Array, stops_of
 
-__all__ = ("State", "Texture", "changed")
+__all__ = ("State", "Texel", "Texture", "changed")
 
 _NONE = (0.0, 0.0, 0.0)
 
-Texture = Callable[[Path, str], Triple]
+
+class Texel(NamedTuple):
+    """What a texture shows of an image, four numbers."""
+
+    color: Triple
+    alpha: Number
+
+    def channels(self) -> tuple[Number, Number, Number, Number]:
+        return (*self.color.channels(), self.alpha)
+
+    def weighted(self, weights: Sequence[float], rest: Numeric) -> Numeric:
+        """The sum of at most four channels, times their weights, and the rest."""
+        if not any(weights):
+            return rest
+        red, green, blue, alpha = (*weights, 0.0, 0.0, 0.0)[:4]
+        total = dot(self.color, (red, green, blue)) + rest
+        return self.alpha.scaled(alpha, total) if alpha else total
+
+
+Texture = Callable[[Path, str], Texel]
 
 
 class State(NamedTuple):
@@ -66,22 +84,21 @@ def changed(
     with canvas.stage("Offset"):
         depth = _depth(curves.offset)
         total = _ramps(canvas, local, curves.offset, most, depth)
-    count = len(curves.shapes)
+    count, packing = len(curves.shapes), maps.packing
     raised: Numeric = depth
     halves: Numeric = 0.5
     for number, shape in enumerate(curves.shapes):
-        channel = number % COEFFICIENTS_A_FILE
+        channel = number % packing.in_each
         if channel == 0:
             with canvas.stage("Coefficients"):
-                texel = texture(maps.coefficients[number // COEFFICIENTS_A_FILE], "Coefficients")
-                here = np.arange(number, min(number + COEFFICIENTS_A_FILE, count))
-                texel = _with_grain(canvas, texel, here >= count - maps.grain)
+                texel = texture(maps.coefficients[number // packing.in_each], "Coefficients")
+                here = np.arange(number, min(number + packing.in_each, count))
+                texel = _with_grain(canvas, texel, here >= count - maps.grain, packing.grain_zero)
                 shares = texel.channels()
-                depths = [_depth(each) for each in curves.shapes[number:][:COEFFICIENTS_A_FILE]]
-                red, green, blue = depths + [0.0] * (COEFFICIENTS_A_FILE - len(depths))
-                raised = dot(texel, (red, green, blue)) + raised
+                depths = [_depth(each) for each in curves.shapes[here]]
+                raised = texel.weighted(depths, raised)
                 if maps.height:
-                    halves = dot(texel, (0.5, 0.5, 0.5)) + halves
+                    halves = texel.weighted([0.5] * len(here), halves)
         with canvas.stage(f"+ coefficient · change {number + 1}"):
             change = _ramps(canvas, local, shape, most, depths[channel])
             total = change.weighted(shares[channel], total, level=maps.height)
@@ -97,16 +114,18 @@ def changed(
         return state, (total.level - halves) * (2 * most)
 
 
-def _with_grain(canvas: Canvas, texel: Triple, is_grain: NDArray[np.bool_]) -> Triple:
-    """Coefficients, those that are grain as strong as the artist says."""
+def _with_grain(canvas: Canvas, texel: Texel, is_grain: NDArray[np.bool_], zero: float) -> Texel:
+    """Coefficients, those that are grain without their `zero` and as strong as the artist says."""
     if not is_grain.any():
         return texel
-    grain = canvas.number(GRAIN)
-    if is_grain.all():
-        return texel * grain
-    mean = (~is_grain).astype(float).tolist()
-    red, green, blue = mean + [0.0] * (COEFFICIENTS_A_FILE - len(mean))
-    return texel * (red, green, blue) + texel * (1 - red, 1 - green, 1 - blue) * grain
+    grain, (color, alpha) = canvas.number(GRAIN), texel
+    if is_grain[3:].any():
+        alpha = (alpha - zero) * grain
+    if is_grain[:3].all():
+        return Texel((color - (zero, zero, zero)) * grain, alpha)
+    red, green, blue = (*is_grain[:3].astype(float).tolist(), 0.0, 0.0)[:3]
+    own = color.scaled((red, green, blue), (-zero * red, -zero * green, -zero * blue)) * grain
+    return Texel(color.scaled((1 - red, 1 - green, 1 - blue), own), alpha)
 
 
 def _depth(curve: Array) -> float:

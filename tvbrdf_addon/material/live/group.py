@@ -18,7 +18,7 @@ from ...known import image_texture, known
 from ..nodes.strengths import GRAIN
 from ..result import LiveFiles
 from .arrange import arrange
-from .changes import State, Texture, changed
+from .changes import State, Texel, Texture, changed
 from .formula import Canvas, Number, Triple, greater, where, where3
 from .mapping import exact_group, forward_group, new_group, read_back_group
 
@@ -85,17 +85,21 @@ def aged_group(
         load(node, path)
         return node
 
-    def texture(path: Path, label: str) -> Triple:
-        at = (canvas.triple("Vector"),) if vector else ()
-        return Triple(canvas, known(shown(path, label, *at).outputs)["Color"])
+    def texel(node: bpy.types.ShaderNodeTexImage) -> Texel:
+        color, alpha = (known(node.outputs)[each] for each in ("Color", "Alpha"))
+        return Texel(Triple(canvas, color), Number(canvas, alpha))
 
-    def timing(path: Path, label: str) -> Triple:
+    def texture(path: Path, label: str) -> Texel:
+        at = (canvas.triple("Vector"),) if vector else ()
+        return texel(shown(path, label, *at))
+
+    def timing(path: Path, label: str) -> Texel:
         if timing_map is None:
             return texture(path, label)
         place = canvas.add("ShaderNodeUVMap", uv_map=timing_map, label=timing_map)
         node = shown(path, label, Triple(canvas, place.outputs["UV"]))
         node.projection, node.extension, node.interpolation = "FLAT", "EXTEND", "Linear"
-        return Triple(canvas, known(node.outputs)["Color"])
+        return texel(node)
 
     local = _local_age(canvas, age, maps.timing, timing)
     start = _forward(canvas)
@@ -130,7 +134,7 @@ def _local_age(canvas: Canvas, age: str, timing: Path | None, texture: Texture) 
     with canvas.stage("Local age: start + rate · (age - onset)"):
         if timing is None:
             return t.clamp()
-        onset, rate, start = texture(timing, "Onset, rate, start").channels()
+        onset, rate, start = texture(timing, "Onset, rate, start").color.channels()
         return (t - onset).maximum(0.0).scaled(rate, start).clamp()
 
 

@@ -17,6 +17,7 @@ __all__ = (
     "in_file",
     "linear_color",
     "luminance",
+    "read_data",
     "read_exr",
     "read_exr_texel",
     "require_memory",
@@ -157,9 +158,15 @@ def read_exr_texel(path: Path) -> tuple[float, float, float]:
 
 def read_exr(path: Path) -> Array:
     """A map [H, W, 3] as its file holds it."""
+    return read_data(path)[..., :3].copy()
+
+
+def read_data(path: Path) -> Array:
+    """Numbers [H, W, 4] as a file holds them; bytes are from 0 to 1."""
     image = bpy.data.images.load(str(path), check_existing=False)
     try:
         set_as_data(image)
-        return image_pixels(image)[..., :3].copy()
+        image.alpha_mode = "CHANNEL_PACKED"
+        return image_pixels(image)
     finally:
         bpy.data.images.remove(image)
