@@ -91,7 +91,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "seconds": dict.fromkeys(("read", "onset", "model", *["fit"] * live, "write"), seconds / 4),
         "peak_rss_mb": 10,
         "files": files,
-        "command": " ".join(("age", option("temporal_model"), request.temporal_model)),
+        "command": _command(request),
         "version": __version__,
         "seed": request.seed,
         "onset": request.onset,
@@ -105,6 +105,14 @@ def age(request: AgeRequest, reporter: object) -> dict:
     shutil.rmtree(request.output, ignore_errors=True)
     beside.rename(request.output)
     return aged
+
+
+def _command(request: AgeRequest) -> str:
+    """The words of it that the add-on reads."""
+    apart = [option("timing_apart")] if request.timing_apart else []
+    told = ("temporal_model", "binding")
+    values = [word for name in told for word in (option(name), getattr(request, name))]
+    return " ".join(["age", *values, *apart])
 
 
 def look(request: AgeRequest, reporter: object) -> dict:

@@ -12,7 +12,7 @@ from ..model_runtime.contract import AUTO, LIVE
 from .errors import MaterialError
 
 if TYPE_CHECKING:
-    from .material.reading.read import Reading
+    from .material.reading.lookup import Reading
     from .material.surface_maps.collect import UVMap
 
 __all__ = ("Growth", "grows", "growth", "needs_no_texels")

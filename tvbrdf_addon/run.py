@@ -28,12 +28,12 @@ from .material.nodes.revert import is_aged, revert
 from .material.reading.check import why_not as why_not_readable
 from .material.reading.chosen import object_named, object_with
 from .material.reading.onset import is_invertible, why_no_onset
-from .material.result import result_folder
+from .material.result import note_result, result_folder
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
 
 if TYPE_CHECKING:
-    from .material.reading.read import Reading
+    from .material.reading.lookup import Reading
     from .material.surface_maps.collect import UVMap
 
 __all__ = ("Plan", "Run", "plan", "take_preview_back", "why_not")
@@ -367,10 +367,8 @@ class Run:
         )
         if self.aged.get("binding") != LIVE:
             self.warnings.extend(reading.lost)
-        material.tvbrdf.is_preview = self.previewing = False
-        folder = str(self.plan.folder)
-        material.tvbrdf.folder = bpy.path.relpath(folder) if _near_file(folder) else folder
-        material.tvbrdf.size_reason = self.size_reason
+        self.previewing = False
+        note_result(material, self.plan.folder, self.size_reason)
         outlook.learn(
             *(material, self.aged, self.plan.folder), before=self._before, maps=self._mapping
         )
@@ -390,9 +388,3 @@ def take_preview_back(material: bpy.types.Material) -> None:
     if material.tvbrdf.is_preview:
         material.tvbrdf.is_preview = False
         revert(material)
-
-
-def _near_file(folder: str) -> bool:
-    """Whether a path relative to the .blend can lead to `folder` (not from drive to drive)."""
-    saved = bpy.data.filepath
-    return bool(saved) and Path(saved).drive == Path(folder).drive

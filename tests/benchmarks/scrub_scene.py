@@ -76,12 +76,12 @@ def show_result(extension: str, material: bpy.types.Material, folder: Path) -> d
     `extension` is the module that the extension is installed as.
     """
     room = f"{extension}.tvbrdf_addon.material"
-    bind, read = (
-        importlib.import_module(f"{room}.{name}") for name in ("binding.bind", "reading.read")
+    bind, lookup = (
+        importlib.import_module(f"{room}.{name}") for name in ("binding.bind", "reading.lookup")
     )
     aged = json.loads((folder / "aged.json").read_text(encoding="utf-8"))
     size, frames = tuple(aged["size"]), len(aged["times"])
-    reading = read.Reading(size, read.TextureSize(max(size), ""), False, None, ())
+    reading = lookup.Reading(size, lookup.TextureSize(max(size), ""), False, None, ())
     bind.bind(material=material, reading=reading, folder=folder, frame_start=1, frame_end=frames)
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, frames
     groups = [node.node_tree for node in material.node_tree.nodes if node.type == "GROUP"]

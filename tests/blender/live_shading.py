@@ -49,13 +49,13 @@ def build(
     principled.inputs["Specular Tint"].default_value = (*tint, 1)
     _add_plane(material)
     room = f"{extension}.tvbrdf_addon.material"
-    bind, read, space = (
+    bind, lookup, space = (
         importlib.import_module(f"{room}.{name}")
-        for name in ("binding.bind", "reading.read", "reading.space")
+        for name in ("binding.bind", "reading.lookup", "reading.space")
     )
     size = (color.image.size[1], color.image.size[0])
     sampling = space.Sampling(interpolation="Closest")
-    reading = read.Reading(size, read.TextureSize(max(size), ""), False, None, (), sampling)
+    reading = lookup.Reading(size, lookup.TextureSize(max(size), ""), False, None, (), sampling)
     bind.bind(
         material=material, reading=reading, folder=case / "live", frame_start=0, frame_end=FRAMES
     )

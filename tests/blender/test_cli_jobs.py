@@ -39,7 +39,7 @@ def test_a_pattern_means_all_that_match(folder: Path, capfd):
     bpy.data.materials["Oak"].name = "Copper Oak"
     assert main(["--material", "Copper*", *USUAL]) == 0
     assert aged() == {"Copper", "Copper Oak"}
-    assert "age_material: 2 materials aged." in capfd.readouterr().out
+    assert "age_material: 2 materials done." in capfd.readouterr().out
 
 
 def test_a_name_that_looks_like_a_pattern_is_a_name(folder: Path):
@@ -55,7 +55,7 @@ def test_all_leaves_out_what_cannot_be_aged_and_says_so(folder: Path, capfd):
     assert (folder / "aged.blend").is_file()
     out = capfd.readouterr().out
     assert re.search(r"^Smoke: Left out: .+\.$", out, re.MULTILINE)
-    assert "3 materials aged, saved as " in out
+    assert "3 materials done, saved as " in out
 
 
 def test_what_is_linked_is_left_out_of_a_pattern(folder: Path, capfd):
@@ -198,5 +198,5 @@ def test_a_quiet_log_has_what_needs_a_look_and_what_came_of_it(folder: Path, cap
     assert said[0].startswith("Smoke: Left out:")
     assert all("Warning:" in line for line in said[1:])
     assert len(said) == 4
-    assert "age_material: 3 materials aged." in out
+    assert "age_material: 3 materials done." in out
     assert err == ""

@@ -218,7 +218,7 @@ def test_textures_are_looked_up_as_the_artists_are(tmp_path):
 
 def test_udim_tiles_lie_in_one_texture(tmp_path):
     from tvbrdf.tvbrdf_addon.material.binding.bind import bind as bind_material
-    from tvbrdf.tvbrdf_addon.material.reading.read import Reading, TextureSize
+    from tvbrdf.tvbrdf_addon.material.reading.lookup import Reading, TextureSize
     from tvbrdf.tvbrdf_addon.material.reading.tiles import Tiles
 
     material = new_material()

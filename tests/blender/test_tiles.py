@@ -159,7 +159,7 @@ def test_what_the_cameras_see_is_said_of_a_tile(tmp_path):
 
 
 def test_too_many_pixels_for_one_image_are_made_fewer(tmp_path, monkeypatch):
-    from tvbrdf.tvbrdf_addon.material.reading import read as module
+    from tvbrdf.tvbrdf_addon.material.reading import lookup as module
 
     monkeypatch.setattr(module, "_LARGEST", 24)
     material = painted(tmp_path, {number: noise(number) for number in SQUARE})

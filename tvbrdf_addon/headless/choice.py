@@ -15,6 +15,7 @@ from ..material.reading.check import why_not
 from ..material.reading.chosen import object_named, object_with
 from ..operators import find_material
 from .jobs import Job
+from .results import why_no_result
 from .settings import Wanted
 
 __all__ = ("Choice", "Task", "choose")
@@ -99,8 +100,12 @@ def _settle(task: Task, scene: bpy.types.Scene, choice: Choice) -> None:
     except SettingsError as error:
         choice.refused[name] = str(error)
         return
-    if not task.by_name and (reason := _why_not(task, scene)):
-        choice.left_out[name] = reason
+    results = task.wanted.results
+    reason = why_no_result(task.material, results) if results is not None else None
+    if not task.by_name:
+        reason = _why_not(task, scene) or reason
+    if reason:
+        (choice.refused if task.by_name else choice.left_out)[name] = reason
         return
     choice.tasks.append(task)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 import bpy
 
@@ -21,6 +22,7 @@ from .choice import Task, choose
 from .jobs import Job, jobs_of
 from .parser import NAME, UsageError, parser
 from .progress import Progress
+from .results import bind_result, result_of
 from .saving import require_place, save
 
 __all__ = ("main", "register", "unregister")
@@ -65,15 +67,19 @@ def _run(arguments: argparse.Namespace, jobs: Sequence[Job], interrupts: Interru
     if interrupts.caught:
         return _failed("Interrupted when all was aged; nothing was saved.")
     saved = save(arguments.save_as)
-    tell(f"{NAME}: {_counted(len(choice.tasks))} aged{saved and f', saved as {saved}'}.")
+    tell(f"{NAME}: {_counted(len(choice.tasks))} done{saved and f', saved as {saved}'}.")
     return 0
 
 
 def _age(task: Task, progress: Progress, interrupts: Interrupts) -> bool:
+    """Whether a task was done; says how it ended."""
     if interrupts.caught:
         return False
-    name = task.material.name
+    name, results = task.material.name, task.wanted.results
     try:
+        if results is not None:
+            _bind(task, result_of(task.material, results), progress)
+            return True
         run = session.age_and_wait(
             task.material,
             scene_of(bpy.context),
@@ -89,6 +95,13 @@ def _age(task: Task, progress: Progress, interrupts: Interrupts) -> bool:
         progress.note(f"{name}: {run.size_reason}")
     progress.note(f"{name}: {run.aged['frames']} frames in {run.plan.folder}")
     return True
+
+
+def _bind(task: Task, folder: Path, progress: Progress) -> None:
+    name, scene = task.material.name, scene_of(bpy.context)
+    for warning in bind_result(task.material, scene, task.wanted.object_name, folder):
+        tell(f"{name}: Warning: {warning}")
+    progress.note(f"{name}: shows {folder}")
 
 
 def _counted(materials: int) -> str:

@@ -72,7 +72,8 @@ def names_materials(arguments: argparse.Namespace) -> bool:
 
 def wanting(arguments: argparse.Namespace) -> str | None:
     """What a job that names materials still has to be told, or None."""
-    missing = [option(name) for name in ("ntm", "frames") if getattr(arguments, name) is None]
+    needed = ("frames",) if arguments.bind is not None else ("ntm", "frames")
+    missing = [option(name) for name in needed if getattr(arguments, name) is None]
     if not missing:
         return None
     return f"the following arguments are required: {', '.join(missing)}"
@@ -90,6 +91,11 @@ def _add_materials(options: Parser) -> None:
     )
     options.add_argument(
         "--object", metavar="NAME", help="object to read them from (one whose faces show them)"
+    )
+    options.add_argument(
+        "--bind",
+        metavar="DIR",
+        help="age nothing, but show the results in DIR, as --output of another run left them",
     )
 
 

@@ -33,13 +33,14 @@ class Wanted:
 
     `values` are set one after the other, then `exposure` on top of what the model seeks; what is
     None or not among them stays as it is.  Materials are read from the object `object_name`, or
-    one that shows them where that is empty.
+    one that shows them where that is empty.  With `results`, a folder of results, these are bound.
     """
 
     values: tuple[tuple[str, Any], ...]
     exposure: Mapping[str, float] | None
     onset_invert: bool | None
     object_name: str
+    results: Path | None
 
     @classmethod
     def of(cls, arguments: argparse.Namespace) -> Wanted:
@@ -62,6 +63,7 @@ class Wanted:
             exposure=arguments.exposure,
             onset_invert=arguments.onset_invert,
             object_name=arguments.object or "",
+            results=_results(arguments.bind),
         )
 
     def keep_in(self, material: bpy.types.Material) -> None:
@@ -108,6 +110,15 @@ def _onset(onset: str | None) -> tuple[tuple[str, Any], ...]:
     if onset.startswith(ATTRIBUTE):
         return ("onset", "attribute"), ("onset_attribute", onset.removeprefix(ATTRIBUTE))
     return ("onset", "image"), ("onset_image", _image(onset))
+
+
+def _results(bind: str | None) -> Path | None:
+    if bind is None:
+        return None
+    folder = Path(bpy.path.abspath(file_path(bind)))
+    if not folder.is_dir():
+        raise SettingsError(f"There is no folder {folder} for --bind.", "Age into it first.")
+    return folder
 
 
 def _image(name: str) -> bpy.types.Image:

@@ -18,7 +18,15 @@ from ..errors import MaterialError
 from .nodes.ownership import GROUP, TAG
 from .nodes.record import tagged
 
-__all__ = ("AgedMap", "AgedMaps", "LiveFiles", "Unit", "read_result", "result_folder")
+__all__ = (
+    "AgedMap",
+    "AgedMaps",
+    "LiveFiles",
+    "Unit",
+    "note_result",
+    "read_result",
+    "result_folder",
+)
 
 
 @dataclass(frozen=True)
@@ -108,6 +116,20 @@ def result_folder(material: bpy.types.Material) -> Path | None:
         for image in _textures(material)
     )
     return next((each for each in (written, *lie) if (each / REPORT).is_file()), written)
+
+
+def note_result(material: bpy.types.Material, folder: Path, size_reason: str) -> None:
+    """Keep in the settings where the result that `material` shows lies, and why it has its size."""
+    settings, place = material.tvbrdf, str(folder)
+    settings.is_preview = False
+    settings.folder = bpy.path.relpath(place) if _near_file(place) else place
+    settings.size_reason = size_reason
+
+
+def _near_file(folder: str) -> bool:
+    """Whether a path relative to the .blend can lead to `folder` (not from drive to drive)."""
+    saved = bpy.data.filepath
+    return bool(saved) and Path(saved).drive == Path(folder).drive
 
 
 def _textures(material: bpy.types.Material) -> Iterator[bpy.types.Image]:

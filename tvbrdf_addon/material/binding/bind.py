@@ -18,7 +18,7 @@ from ....model_runtime.contract import (
 from ...errors import MaterialError
 from ..nodes.revert import revert
 from ..reading.check import why_no_surface
-from ..reading.read import Reading
+from ..reading.lookup import Reading
 from ..result import AgedMaps, LiveFiles, read_result
 from ..surface_maps.collect import UVMap
 from .edit import Edit

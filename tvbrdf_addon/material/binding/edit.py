@@ -22,8 +22,8 @@ from ..nodes.record import Link, Record, SocketBefore, store, tagged
 from ..nodes.surface import find_principled
 from ..nodes.trace import input_socket, is_animated
 from ..nodes.uv_maps import give_uv_map
+from ..reading.lookup import Reading
 from ..reading.pixels import read_exr_texel, set_as_data
-from ..reading.read import Reading
 from ..result import AgedMap
 from ..surface_maps.collect import UVMap
 

@@ -16,9 +16,9 @@ from ..nodes.surface import find_principled
 from .bake import Target, bake_sockets
 from .doubts import baked_badly
 from .evaluated import Evaluated, distinct, evaluated
+from .lookup import Reading
 from .onset import bearers, is_painted, showing, why_no_onset
 from .pixels import Array, in_file, luminance, set_as_data, write_exr
-from .read import Reading
 from .space import image_size
 from .tiles import Tiles
 from .unwrap import active_uv_map, check_unwrapped, require_faces, shows

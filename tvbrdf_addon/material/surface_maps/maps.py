@@ -17,7 +17,7 @@ from .collect import Seen, UVMap, collect
 from .layout import Layout, free_name, lay_out
 from .texels import write_maps
 
-__all__ = ("SurfaceMaps", "write_surface")
+__all__ = ("SurfaceMaps", "own_uv_map", "write_surface")
 
 # Texels a side.
 _SIZE = 1024
@@ -84,6 +84,28 @@ def write_surface(
     for old in sorted(kept.iterdir(), key=lambda each: each.stat().st_mtime)[:-_KEPT]:
         shutil.rmtree(old, ignore_errors=True)
     return replace(_kept(folder), seconds=made)
+
+
+def own_uv_map(
+    material: bpy.types.Material,
+    scene: bpy.types.Scene,
+    frame: int,
+    *,
+    uv_map: str | None,
+    tiles: Tiles,
+    alike: bool = False,
+) -> UVMap | None:
+    """The UV map that `write_surface` lays maps out in where it makes one, and no maps."""
+    seen, name = collect(material, scene, frame, uv_map=uv_map or ""), free_name(material)
+    layout = lay_out(
+        *(seen, material, scene, frame),
+        uv_map=uv_map,
+        tiles=tiles,
+        alike=alike,
+        name=name,
+        size=_SIZE,
+    )
+    return layout.own if isinstance(layout, Layout) else None
 
 
 def _keep(layout: Layout, folder: Path) -> None:
