@@ -141,6 +141,7 @@ def _add_age_options(age: argparse.ArgumentParser) -> None:
         "--exposure", metavar="NAME=WEIGHT,...", help=f"what it seeks: {', '.join(EXPOSURES)}"
     )
     age.add_argument("--starts", metavar="X,Y,Z;...", help="places in the world where it starts")
+    age.add_argument("--mask", metavar="IMAGE", help="what is painted, laid out as the surface is")
     age.add_argument("--pattern-size", type=float, metavar="METERS", help="of its patches")
     age.add_argument(
         "--amount",

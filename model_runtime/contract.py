@@ -168,6 +168,15 @@ EVERYWHERE: Final = "none"
 """The onset with which every texel starts to age at once."""
 
 
+# What it means where an artist's mask is white.
+MaskMeaning = Literal["first", "only", "never"]
+MASK_MEANINGS: Mapping[str, Told] = {
+    "first": Told("Starts First", "What is white starts first, and aging spreads from there"),
+    "only": Told("Ages Alone", "Only what is white ages: what is black never does"),
+    "never": Told("Never Ages", "What is white stays as it is, and what is gray starts later"),
+}
+
+
 @dataclass(frozen=True)
 class AgeRequest:
     """What to age, how and where to: the options of the command line (docs/design.md)."""
@@ -193,6 +202,8 @@ class AgeRequest:
     pattern_size: float | None = None
     amount: float = 1.0
     starts: str | None = None
+    mask: Path | None = None
+    mask_means: MaskMeaning = "first"
     grain: float = 1.0
 
 
@@ -202,6 +213,7 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "specular": (*SPECULARS,),
     "format": (*FORMATS,),
     "binding": (AUTO, *BINDINGS),
+    "mask_means": (*MASK_MEANINGS,),
 }
 """What those fields of `AgeRequest` may be that are one of a few."""
 

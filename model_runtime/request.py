@@ -88,7 +88,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     for name in ("input", "ntm", "output"):
         if not isinstance(given.get(name), str) or not given[name]:
             raise UsageError(f"The setting {name} is missing.", "Give it as text.")
-    for name in ("onset", "device", "surface", "exposure", "starts", *CHOICES):
+    for name in ("onset", "device", "surface", "exposure", "starts", "mask", *CHOICES):
         if name in given and not isinstance(given[name], str):
             raise UsageError(f"The setting {name} must be text, not {shown(given[name])}.")
     for name, choices in CHOICES.items():
@@ -123,8 +123,8 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
         given["grain"] = float(value)
     _check_growth(given)
     given["input"], given["output"] = Path(given["input"]), Path(given["output"])
-    if "surface" in given:
-        given["surface"] = Path(given["surface"])
+    for name in {"surface", "mask"} & given.keys():
+        given[name] = Path(given[name])
     return AgeRequest(**given)
 
 

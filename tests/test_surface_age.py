@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from model_runtime.cli import main
 from model_runtime.images import read_vectors, write_exr
@@ -117,3 +118,57 @@ def test_a_surface_that_is_none_is_refused(steel, tmp_path, capsys):
     assert "cannot be read" in capsys.readouterr().err
     aged(steel, tmp_path / "out", "--surface", str(tmp_path), code=1)
     assert "holds no position.exr" in capsys.readouterr().err
+
+
+@pytest.fixture
+def half(tmp_path: Path) -> Path:
+    """White on what lies beyond x = 0, as a mask of another size."""
+    file = tmp_path / "painted.png"
+    white = (BLOCK.position[..., 0] > 0) & BLOCK.covered
+    Image.fromarray(np.kron(white, np.ones((2, 2))).astype(np.uint8) * 255).save(file)
+    return file
+
+
+def started(output: Path) -> tuple[np.ndarray, np.ndarray]:
+    """When it starts where the mask is white, and where it is black; a border's texel apart."""
+    x, when = BLOCK.position[..., 0], onset(output)
+    return when[BLOCK.covered & (x > 0.03)], when[BLOCK.covered & (x < -0.03)]
+
+
+def test_what_is_painted_starts_first_or_alone_or_never(steel, surface, half, tmp_path):
+    usual = ("--surface", str(surface), "--mask", str(half))
+    told = aged(steel, tmp_path / "first", *usual)
+    white, black = started(tmp_path / "first")
+    assert np.quantile(white, 0.9) < np.quantile(black, 0.1)
+    assert black.min() < 1, "it spreads from there"
+    assert told["surface"]["mask"] == "first"
+    assert set(told["hashes"]) >= {"mask", "surface"}
+    assert f"--mask {half} --mask-means first" in told["command"]
+    aged(steel, tmp_path / "only", *usual, "--mask-means", "only")
+    white, black = started(tmp_path / "only")
+    assert (black == 1).all() and white.mean() < 0.9
+    aged(steel, tmp_path / "never", *usual, "--mask-means", "never")
+    white, black = started(tmp_path / "never")
+    assert (white == 1).all() and black.mean() < 0.9
+
+
+def test_what_is_gray_starts_later(steel, surface, tmp_path):
+    gray = tmp_path / "gray.png"
+    Image.fromarray((BLOCK.position[..., 0] > 0).astype(np.uint8) * 128).save(gray)
+    options = ("--surface", str(surface), "--mask", str(gray), "--mask-means", "never")
+    aged(steel, tmp_path / "out", *options)
+    white, black = started(tmp_path / "out")
+    assert white.mean() > black.mean() + 0.2 and white.min() < 1
+
+
+def test_a_mask_that_counts_for_nothing_is_said(steel, half, tmp_path):
+    told = aged(steel, tmp_path / "out", "--mask", str(half))
+    assert any("count for nothing" in warning for warning in told["warnings"])
+    assert "mask" not in told["hashes"]
+
+
+def test_a_mask_that_is_none_is_refused(steel, surface, tmp_path, capsys):
+    options = ("--surface", str(surface), "--mask", str(tmp_path / "nothing.png"))
+    aged(steel, tmp_path / "out", *options, code=1)
+    assert "nothing.png" in capsys.readouterr().err
+    aged(steel, tmp_path / "out", *options, "--mask-means", "maybe", code=2)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..model_runtime.contract import AUTO, LIVE
+from . import masks
 from .errors import MaterialError
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ __all__ = ("Growth", "grows", "growth", "needs_no_texels")
 _IN_FRAMES = (
     "Places that share texels age alike in frames: show the material live where they are to differ."
 )
+_NO_MASK = "Without its shape nothing is known of where the mask lies: it counts for nothing."
 
 
 @dataclass(frozen=True)
@@ -58,23 +60,37 @@ def growth(
     Raises `MaterialError` where there is none, nor texels of its own for a place to age by.
     """
     from .material.surface_maps.maps import write_surface
+    from .material.surface_maps.painted import Mask
 
-    kept = Path(bpy.app.tempdir) / "surfaces"
+    settings, uv_map = material.tvbrdf, reading.laid_out_by
+    white = masks.means(settings)
+    mask = None
+    if white is not None:
+        painted = settings.mask_source == masks.ATTRIBUTE
+        mask = (
+            Mask(settings.mask_attribute)
+            if painted
+            else Mask("", settings.mask_image, uv_map or "")
+        )
     maps = write_surface(
         *(material, scene, frame),
-        uv_map=reading.laid_out_by,
+        uv_map=uv_map,
         tiles=reading.tiles,
-        alike=material.tvbrdf.use_alike,
-        kept=kept,
+        alike=settings.use_alike,
+        mask=mask,
+        kept=Path(bpy.app.tempdir) / "surfaces",
     )
     apart = needs_no_texels(request)
+    lost = () if mask is None else (_NO_MASK,)
     if maps.folder is None:
         if apart and reading.uniform and maps.notes:
             raise MaterialError(maps.notes[-1])
-        return Growth(notes=maps.notes)
-    if maps.own is None:
-        return Growth({"surface": str(maps.folder)}, None, maps.notes, maps.seconds)
-    if not apart:
-        return Growth(notes=(_IN_FRAMES,), seconds=maps.seconds)
-    fields = {"surface": str(maps.folder), "timing_apart": True}
+        return Growth(notes=(*maps.notes, *lost))
+    if maps.own is not None and not apart:
+        return Growth(notes=(_IN_FRAMES, *lost), seconds=maps.seconds)
+    fields: dict[str, Any] = {"surface": str(maps.folder)}
+    if maps.own is not None:
+        fields["timing_apart"] = True
+    if maps.mask is not None:
+        fields |= {"mask": str(maps.mask), "mask_means": white}
     return Growth(fields, maps.own, maps.notes, maps.seconds)

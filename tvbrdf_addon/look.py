@@ -13,7 +13,7 @@ import bpy.utils.previews
 
 from ..model_runtime.contract import LOOKS
 from ..model_runtime.errors import Cancelled
-from . import exposure
+from . import exposure, masks
 from .errors import MaterialError
 from .run import Plan, Run
 from .worker import Worker
@@ -65,7 +65,8 @@ class Look(Run):
 
 def _asked(settings: Any) -> dict[str, Any]:
     """What the pictures depend on, of a material's settings."""
-    return {"ntm": settings.ntm, "seed": settings.seed, **exposure.asked(settings)}
+    said = exposure.asked(settings)
+    return {"ntm": settings.ntm, "seed": settings.seed, "mask": masks.asked(settings), **said}
 
 
 def _show(shown: _Shown, folder: Path) -> None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from . import exposure, learn_panel, look, properties, session, strengths, suiting
+from . import exposure, learn_panel, look, masks, properties, session, strengths, suiting
 from .drawing import guarded, paragraph
 from .estimate import in_bytes, in_time
 from .known import known, scene_of
@@ -187,6 +187,7 @@ def _draw_start(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     layout.prop(material.tvbrdf, "onset")
     if material.tvbrdf.onset == AUTO:
         exposure.draw(layout, material.tvbrdf)
+        masks.draw(layout, context, material)
         look.draw(layout, material)
     if is_invertible(material):
         _draw_onset(layout, context, material)

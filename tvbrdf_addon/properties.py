@@ -26,9 +26,9 @@ from ..model_runtime.contract import (
 from ..model_runtime.model_files import weights
 from . import exposure, preferences, suiting
 from .known import scene_of
+from .masks import Masks, is_still
 from .material.binding.retime import retime
 from .material.nodes.age import frame_range
-from .material.nodes.ownership import TAG
 from .models import OWN_FILE, enum_number, models_in
 from .strengths import Strengths
 
@@ -136,11 +136,7 @@ def _take_exposure_over(self: TVBRDF_PG_material, _context: bpy.types.Context) -
         exposure.take_over(self.exposure, card_of(self))
 
 
-def _is_start_image(_self: TVBRDF_PG_material, image: bpy.types.Image) -> bool:
-    return image.source in ("FILE", "GENERATED") and TAG not in image
-
-
-class TVBRDF_PG_material(Strengths, bpy.types.PropertyGroup):
+class TVBRDF_PG_material(Strengths, Masks, bpy.types.PropertyGroup):
     """How a material is aged, and what it was before."""
 
     ntm: bpy.props.EnumProperty(
@@ -248,7 +244,7 @@ class TVBRDF_PG_material(Strengths, bpy.types.PropertyGroup):
             "counts as it is now"
         ),
         type=bpy.types.Image,
-        poll=_is_start_image,
+        poll=is_still,
     )
     onset_attribute: bpy.props.StringProperty(
         name="Start Attribute",

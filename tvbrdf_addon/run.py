@@ -27,7 +27,7 @@ from .material.nodes.age import frame_range
 from .material.nodes.revert import is_aged, revert
 from .material.reading.check import why_not as why_not_readable
 from .material.reading.chosen import object_named, object_with
-from .material.reading.onset import is_invertible, why_no_onset
+from .material.reading.onset import is_invertible, why_no_mask, why_no_onset
 from .material.result import note_result, result_folder
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
@@ -147,7 +147,7 @@ def _require_settings(material: bpy.types.Material, scene: bpy.types.Scene) -> P
             "This file is not saved yet, so its folder is unknown.",
             "Save it, or choose an absolute output folder.",
         )
-    if reason := why_no_onset(material, scene):
+    if reason := why_no_onset(material, scene) or why_no_mask(material, scene):
         raise SettingsError(reason)
     return model
 

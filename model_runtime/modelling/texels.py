@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -177,11 +178,14 @@ def grown_timing(
     atlas: Atlas,
     exposure: Exposure,
     worn: NDArray[np.bool_] | None = None,
+    marks: Mapping[str, Pixels] | None = None,
 ) -> SurfaceTiming:
-    """The same by growth over the surface that `atlas` shows, at its own shape where the material
-    is uniform.
+    """The same by growth over the surface that `atlas` shows, of whose texels `marks` tell more, at
+    its own shape where the material is uniform.
     """
-    marks = {} if worn is None else {WEAR: resize(worn.astype(np.float32), atlas.size)}
+    marks = dict(marks or {})
+    if worn is not None:
+        marks[WEAR] = resize(worn.astype(np.float32), atlas.size)
     if size == (1, 1):
         scale = (request.size or _UNIFORM_SIZE) / max(atlas.size)
         size = max(1, round(atlas.size[0] * scale)), max(1, round(atlas.size[1] * scale))

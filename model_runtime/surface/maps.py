@@ -14,13 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
+from ..contract import MaskMeaning
 from ..errors import InputError, reason, shown
 from ..images import EXTENSIONS, read_image, read_vectors
 from ..maps import Pixels
 from ..resampling import resize
 from .atlas import Atlas
+from .exposure import BLOCKED, SOUGHT
 
-__all__ = ("read_surface", "surface_files")
+__all__ = ("read_mask", "read_surface", "surface_files")
 
 _NAMES = {
     "position": ("position", "position_world", "world_position", "pos"),
@@ -78,6 +80,16 @@ def read_surface(folder: Path) -> Atlas:
     for file in files.values():
         _check(folder, file)
     return _read(tuple((*item, _stamp(item[1])) for item in files.items()))
+
+
+def read_mask(file: Path, means: MaskMeaning, atlas: Atlas) -> dict[str, Pixels]:
+    """What an image, 0 to 1, that is laid out as `atlas` is and `means` this where it is white says
+    of its texels (`MARKS`): [H, W].
+    """
+    white = _read_scalar(file, atlas.size)
+    if means == "first":
+        return {SOUGHT: white}
+    return {BLOCKED: white if means == "never" else 1 - white}
 
 
 def _stamp(file: Path) -> tuple[int, ...]:
@@ -164,7 +176,7 @@ def _features(files: dict[str, Path], size: tuple[int, int]) -> dict[str, Pixels
     if "sky" in maps:
         features["sky"] = maps["sky"]
     if "mask" in maps:
-        features["blocked"] = maps["mask"]
+        features[BLOCKED] = maps["mask"]
     return features
 
 

@@ -128,6 +128,41 @@ def test_the_start_is_an_image_or_an_attribute_inverted_or_not(folder: Path):
     assert start("--onset", "auto") == ("auto", "Painted", "Wear", False)
 
 
+def test_a_mask_is_kept_as_the_panel_keeps_it(folder: Path):
+    plane = bpy.data.objects["Plane"]
+    plane.data.color_attributes.new("Wear", "BYTE_COLOR", "CORNER")
+    bpy.data.images.new("Painted", 4, 4)
+    kept = bpy.data.materials["Steel"].tvbrdf
+    words = ["--material", "Steel", *USUAL[:6], "--size", "16"]
+
+    def mask(*options: str) -> tuple[str, str, str, str]:
+        assert main([*words, *options]) == 0
+        image = kept.mask_image.name if kept.mask_image else ""
+        return kept.mask_source, image, kept.mask_attribute, kept.mask_means
+
+    assert mask("--mask", "attribute:Wear") == ("attribute", "", "Wear", "first")
+    assert mask("--mask-means", "only") == ("attribute", "", "Wear", "only")
+    assert mask("--mask", "Painted", "--mask-means", "never") == (
+        *("image", "Painted", "Wear", "never"),
+    )
+    assert mask("--mask", "none") == ("none", "Painted", "Wear", "never")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--mask-means", "only"), "Nothing grows by a mask"),
+        (("--mask", "no.png"), "There is no file"),
+        (("--mask", "attribute:Wear"), "no color attribute “Wear”"),
+        (("--mask", "file.blend"), "cannot be read as an image"),
+    ],
+)
+def test_a_mask_that_cannot_count_is_refused(folder: Path, capfd, options, said):
+    assert main(["--material", "Steel", *USUAL[:6], "--size", "16", *options]) == 1
+    assert said in capfd.readouterr().err
+    assert not aged()
+
+
 @pytest.mark.slow
 def test_it_starts_where_it_was_painted(folder: Path, monkeypatch):
     """With the real worker: what is white on the mesh, or inverted what is black, starts last."""

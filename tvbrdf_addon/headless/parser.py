@@ -6,7 +6,15 @@ import argparse
 from typing import NoReturn
 
 from ...model_runtime.console import Parser
-from ...model_runtime.contract import BINDINGS, CHOICES, QUALITIES, RANGES, SPECULARS, option
+from ...model_runtime.contract import (
+    BINDINGS,
+    CHOICES,
+    MASK_MEANINGS,
+    QUALITIES,
+    RANGES,
+    SPECULARS,
+    option,
+)
 from .. import properties
 from . import values
 from .progress import STYLES
@@ -171,6 +179,14 @@ def _add_start(options: Parser) -> None:
         "--onset-invert",
         action=argparse.BooleanOptionalAction,
         help="white first, black last",
+    )
+    options.add_argument(
+        "--mask",
+        metavar=f"none|IMAGE|{ATTRIBUTE}NAME",
+        help="what is painted on the surface (none)",
+    )
+    options.add_argument(
+        option("mask_means"), choices=[*MASK_MEANINGS], help="what happens where the mask is white"
     )
     options.add_argument(
         "--seed", type=values.whole(0, _LARGEST), metavar="N", help="of the onset (0)"

@@ -12,7 +12,7 @@ import bpy
 
 from ...model_runtime.contract import AUTO, EVERYWHERE
 from ...model_runtime.model_files import weights
-from .. import preferences, properties
+from .. import masks, preferences, properties
 from ..errors import SettingsError
 from ..output import folder_meant
 from .parser import ATTRIBUTE
@@ -23,7 +23,7 @@ __all__ = ("Wanted",)
 # Options that are settings of the same name and values.
 _AS_THEY_ARE = (
     *("steps", "quality", "tolerance", "temporal_model", "seed", "binding", "format"),
-    *("specular", "grain", "relief", "pattern_size", "amount"),
+    *("specular", "grain", "relief", "pattern_size", "amount", "mask_means"),
 )
 
 
@@ -48,6 +48,7 @@ class Wanted:
         values: list[tuple[str, Any]] = [*_model(arguments.ntm)]
         values += zip(("frame_start", "frame_end"), arguments.frames, strict=True)
         values += _onset(arguments.onset)
+        values += _mask(arguments.mask)
         if arguments.output is not None:
             values.append(("output", _output(arguments.output)))
         if arguments.size is not None:
@@ -70,7 +71,7 @@ class Wanted:
         """Keep it in the settings of `material`, as the panel does.
 
         Raises:
-            SettingsError: it is linked, or has no start that could be inverted.
+            SettingsError: it is linked, or has no start that could be inverted, or none by a mask.
         """
         settings = material.tvbrdf
         if material.library is not None:
@@ -83,6 +84,13 @@ class Wanted:
             settings.use_own_exposure = True  # which takes over what the model seeks
             for name, weight in self.exposure.items():
                 setattr(settings.exposure, name, weight)
+        asked = dict(self.values)
+        by_mask = asked.get("mask_source", masks.NO_MASK) != masks.NO_MASK or "mask_means" in asked
+        if by_mask and masks.means(settings) is None:
+            raise SettingsError(
+                "Nothing grows by a mask where there is none, or where --onset is not auto.",
+                "Name a mask with --mask, and leave --onset out.",
+            )
         if self.onset_invert is None:
             return
         if settings.onset not in ("image", "attribute"):
@@ -109,7 +117,17 @@ def _onset(onset: str | None) -> tuple[tuple[str, Any], ...]:
         return (("onset", onset),)
     if onset.startswith(ATTRIBUTE):
         return ("onset", "attribute"), ("onset_attribute", onset.removeprefix(ATTRIBUTE))
-    return ("onset", "image"), ("onset_image", _image(onset))
+    return ("onset", "image"), ("onset_image", _image(onset, "--onset"))
+
+
+def _mask(mask: str | None) -> tuple[tuple[str, Any], ...]:
+    if mask is None:
+        return ()
+    if mask == masks.NO_MASK:
+        return (("mask_source", mask),)
+    if mask.startswith(ATTRIBUTE):  # named first: without a name that of the active one is taken
+        return ("mask_attribute", mask.removeprefix(ATTRIBUTE)), ("mask_source", masks.ATTRIBUTE)
+    return ("mask_source", masks.IMAGE), ("mask_image", _image(mask, "--mask"))
 
 
 def _results(bind: str | None) -> Path | None:
@@ -121,8 +139,9 @@ def _results(bind: str | None) -> Path | None:
     return folder
 
 
-def _image(name: str) -> bpy.types.Image:
-    """The image in the file `name`, or else that of the .blend that is called so.
+def _image(name: str, where: str) -> bpy.types.Image:
+    """The image in the file `name`, given for the option `where`, or else that of the .blend that
+    is called so.
 
     Raises:
         SettingsError: there is neither, or it is no image.
@@ -132,8 +151,8 @@ def _image(name: str) -> bpy.types.Image:
         if name in bpy.data.images:
             return bpy.data.images[name]
         raise SettingsError(
-            f"There is no file {path} for --onset, and no image called {name} in the .blend.",
-            f"Give auto, none, an image, or {ATTRIBUTE}NAME of a color attribute.",
+            f"There is no file {path} for {where}, and no image called {name} in the .blend.",
+            f"Give none, an image, or {ATTRIBUTE}NAME of a color attribute.",
         )
     image = bpy.data.images.load(str(path), check_existing=True)
     if min(image.size) == 0:  # only asking for the size reads it

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import bpy
 
-__all__ = ("bearers", "is_invertible", "is_painted", "is_shown", "showing", "why_no_onset")
+from ....model_runtime.contract import AUTO
+
+__all__ = (
+    "bearers",
+    "is_invertible",
+    "is_painted",
+    "is_shown",
+    "showing",
+    "why_no_mask",
+    "why_no_onset",
+)
 
 
 def is_painted(material: bpy.types.Material) -> bool:
@@ -55,6 +65,25 @@ def why_no_onset(material: bpy.types.Material, scene: bpy.types.Scene) -> str | 
     objects = showing(material, scene)
     if not objects or bearers(material, scene, name):
         return None  # without objects there are no UVs either, and that is said first
+    return _why_no_attribute(objects, name)
+
+
+def why_no_mask(material: bpy.types.Material, scene: bpy.types.Scene) -> str | None:
+    """One sentence why nothing can be read from the mask of `material`, or None."""
+    settings = material.tvbrdf
+    if settings.onset != AUTO:
+        return None
+    if settings.mask_source == "image":
+        if settings.mask_image is None:
+            return "No mask image is chosen: choose one, or set Mask to None."
+        return None
+    if settings.mask_source != "attribute":
+        return None
+    name, objects = settings.mask_attribute, showing(material, scene)
+    if not name:
+        return "No color attribute is chosen for the mask: choose one, or set Mask to None."
+    if not objects or any(_bears(obj, name) for obj in objects):
+        return None
     return _why_no_attribute(objects, name)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +20,7 @@ from ..reading.evaluated import alike, stage, stand_in
 from ..reading.onset import is_shown
 from ..reading.unwrap import active_uv_map
 from .charts import Faces
+from .painted import Mask
 from .shells import turned_in
 
 __all__ = ("Around", "Part", "Seen", "Shown", "UVMap", "collect")
@@ -47,8 +48,9 @@ class Part:
     """Triangles that show the material, of one of the objects and instances that are seen alike.
 
     `faces` lie in the world and go counterclockwise as seen from outside, where `normals`
-    [T, 3, 3] point; `uv` is [T, 3, 2], None without a UV map.  `obj` stands at `matrix`, and
-    `others` count those that are seen alike beside it.
+    [T, 3, 3] point; `uv` is [T, 3, 2], None without a UV map; `painted` [T, 3, ...] is what a mask
+    has there, None where it has nothing.  `obj` stands at `matrix`, and `others` count those that
+    are seen alike beside it.
     """
 
     obj: bpy.types.Object
@@ -56,6 +58,7 @@ class Part:
     faces: Faces
     normals: Array
     uv: Array | None
+    painted: Array | None
     others: int
 
 
@@ -70,11 +73,14 @@ class Around:
 
 @dataclass(frozen=True)
 class Seen:
-    """What shows the material, all else, and the objects that show it and are no meshes."""
+    """What shows the material, all else, and the objects that show it and are no meshes; and the
+    mask that was looked for.
+    """
 
     shown: tuple[Shown, ...]
     around: tuple[Around, ...]
     no_meshes: tuple[bpy.types.Object, ...]
+    mask: Mask | None
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
@@ -92,14 +98,15 @@ class Shown:
     others: int
 
     def bytes(self) -> Iterator[bytes]:
-        """All that its part is made from."""
+        """All that its part is made from, but for what is painted."""
         mesh = self.obj.data
         assert isinstance(mesh, bpy.types.Mesh)
         about = (self.obj.name, self.others, mesh.session_uid, len(mesh.loops), mesh.is_editmode)
         yield repr(about).encode()
         yield np.array(self.matrix, np.float64).tobytes()
-        for values in vars(self.mesh).values():
-            yield b"" if values is None else values.tobytes()
+        for name, values in vars(self.mesh).items():
+            if name != "painted":
+                yield b"" if values is None else values.tobytes()
 
 
 @dataclass(frozen=True)
@@ -112,6 +119,7 @@ class _Mesh:
     shows: NDArray[np.bool_]
     normals: Array
     uv: Array | None
+    painted: Array | None
 
 
 _NO_MESH = _Mesh(
@@ -121,6 +129,7 @@ _NO_MESH = _Mesh(
     shows=np.zeros(0, bool),
     normals=np.zeros((0, 3, 3), np.float32),
     uv=None,
+    painted=None,
 )
 
 
@@ -131,6 +140,7 @@ def collect(
     *,
     uv_map: str = "",
     given: UVMap | None = None,
+    mask: Mask | None = None,
 ) -> Seen:
     """What a render of `scene` shows at `frame`; hidden objects where no other shows the material.
 
@@ -168,10 +178,16 @@ def collect(
             return own + [matrix for obj in objects for matrix in places[obj][1]]
 
         shown, around, triangles = [], [], 0
-        ours = owned_uv_map(material) if given is None else None
+        ours = owned_uv_map(material)
+        made = ours if given is None else given.name
+
+        def painted(mesh: bpy.types.Mesh) -> Array | None:
+            return None if mask is None else mask.at_corners(mesh, but=made)
+
         for group in alike(meshes):
             name = given.name if given is not None else uv_map
-            mesh = _mesh(copies[group[0]], depsgraph, material, name, but=ours)
+            but = ours if given is None else None
+            mesh = _mesh(copies[group[0]], depsgraph, material, name, but=but, painted=painted)
             first, *more = matrices(group)
             if mesh.shows.any():
                 shown.append(Shown(group[0], mesh, first, len(more)))
@@ -184,7 +200,7 @@ def collect(
             around.append(Around(mesh.vertices, mesh.triangles, tuple(matrices(group))))
             triangles += len(mesh.triangles)
     there = tuple(each for each in around if len(each.triangles) and each.matrices)
-    return Seen(tuple(shown), there, tuple(obj for obj in users if obj not in meshes))
+    return Seen(tuple(shown), there, tuple(obj for obj in users if obj not in meshes), mask)
 
 
 def _rendered(scene: bpy.types.Scene) -> dict[bpy.types.Object, tuple[bool, Matrices]]:
@@ -292,6 +308,7 @@ def _mesh(
     uv_map: str,
     *,
     but: str | None = None,
+    painted: Callable[[bpy.types.Mesh], Array | None] = lambda mesh: None,
 ) -> _Mesh:
     """The evaluated mesh, without the triangles of it that are nowhere; its UV map is any `but`
     that one.
@@ -319,6 +336,7 @@ def _mesh(
         normals = _read(mesh.corner_normals, "vector", 3)
         name = uv_map if uv_map in mesh.uv_layers else active_uv_map(mesh)
         uv = None if name in (None, but) else _read(mesh.uv_layers[name].data, "uv", 2)
+        shades = painted(mesh)
     finally:
         seen.to_mesh_clear()
     places = np.isfinite(vertices).all(1)
@@ -332,6 +350,7 @@ def _mesh(
         shows[there],
         normals[loops],
         None if uv is None else np.nan_to_num(uv[loops]),
+        None if shades is None else shades[loops],
     )
 
 
@@ -357,7 +376,7 @@ def _read(
 def _part(seen: Shown) -> Part:
     mesh, shows = seen.mesh, seen.mesh.shows
     triangles, polygons, normals = mesh.triangles[shows], mesh.polygons[shows], mesh.normals[shows]
-    uv = None if mesh.uv is None else mesh.uv[shows]
+    at_corners = [each if each is None else each[shows] for each in (mesh.uv, mesh.painted)]
     world = np.array(seen.matrix, np.float64)
     places = (mesh.vertices @ world[:3, :3].T + world[:3, 3]).astype(np.float32)
     mirrors = np.linalg.det(world[:3, :3]) < 0
@@ -367,12 +386,14 @@ def _part(seen: Shown) -> Part:
     normals = normals @ (-turn if mirrors else turn)
     if mirrors:  # triangles turn over
         triangles, normals = triangles[:, ::-1], normals[:, ::-1]
-        uv = None if uv is None else uv[:, ::-1]
+        at_corners = [each if each is None else each[:, ::-1] for each in at_corners]
     turned = turned_in(places[triangles], triangles)
     triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)
     normals = np.where(turned[:, None, None], -normals[:, ::-1], normals)
-    if uv is not None:
-        uv = np.where(turned[:, None, None], uv[:, ::-1], uv)
+    uv, painted = (
+        each if each is None else np.where(turned[:, None, None], each[:, ::-1], each)
+        for each in at_corners
+    )
     normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-30)
     faces = Faces(places[triangles], triangles, polygons)
-    return Part(seen.obj, seen.matrix, faces, normals.astype(np.float32), uv, seen.others)
+    return Part(seen.obj, seen.matrix, faces, normals.astype(np.float32), uv, painted, seen.others)

@@ -270,7 +270,7 @@ def _apart(
         own[part.obj.data.session_uid] = at = np.zeros((base.count, 2), np.float32)
         at[base.corners] = uv
     uv_map = UVMap(name, own)
-    seen = collect(material, scene, frame, given=uv_map)
+    seen = collect(material, scene, frame, given=uv_map, mask=seen.mask)
     lost = [part for part in seen.parts if part.uv is None or _is_flat(part)]
     if lost:
         notes = (

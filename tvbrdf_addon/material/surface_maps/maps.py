@@ -11,13 +11,18 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
+from ..reading.pixels import write_exr
 from ..reading.tiles import Tiles
 from .collect import Seen, UVMap, collect
 from .layout import Layout, free_name, lay_out
-from .texels import write_maps
+from .painted import Mask, drawn
+from .texels import with_margin, write_maps
 
 __all__ = ("SurfaceMaps", "own_uv_map", "write_surface")
+
+Array = NDArray[np.float32]
 
 # Texels a side.
 _SIZE = 1024
@@ -25,6 +30,7 @@ _SIZE = 1024
 _KEPT = 4
 _VERSION = b"1"  # of what is written
 _LAYOUT, _PLACES = "layout.json", "own.npz"
+_MASK = "mask-"  # no name by which a worker takes it for one of the surface's maps
 
 
 @dataclass(frozen=True)
@@ -32,12 +38,14 @@ class SurfaceMaps:
     """The `folder` of the maps, None where there are none, and what is to be said, in sentences.
 
     `own` is the UV map that they are laid out in, which the meshes do not have yet; None where it
-    is the material's.  They took so many `seconds` to make; 0 where they were kept.
+    is the material's.  `mask` is what an artist painted, in their layout.  They took so many
+    `seconds` to make; 0 where they were kept.
     """
 
     folder: Path | None
     own: UVMap | None
     notes: tuple[str, ...]
+    mask: Path | None = None
     seconds: float = 0.0
 
 
@@ -50,40 +58,62 @@ def write_surface(
     tiles: Tiles,
     kept: Path,
     alike: bool = False,
+    mask: Mask | None = None,
     size: int = _SIZE,
 ) -> SurfaceMaps:
     """Writes `position.exr` (world, meters; alpha 1 where a face is), `normal.exr` (world, unit),
-    `ao.exr`, `edge.exr` and `sky.exr` (0 to 1) of all faces that show the material at `frame`.
+    `ao.exr`, `edge.exr` and `sky.exr` (0 to 1) of all faces that show the material at `frame`, and
+    what a `mask` says of them.
 
     `uv_map` and `tiles` say where the material's own maps lie, and `alike` that what shares texels
-    is to age alike, as in `lay_out`.  Folders lie in
-    `kept`, the last few of which stay for the next time.  Raises `MaterialError`.
+    is to age alike, as in `lay_out`.  Folders lie in `kept`, the last few of which stay for the
+    next time.  Raises `MaterialError`.
     """
-    started, made = time.monotonic(), 0.0
-    seen, name = collect(material, scene, frame, uv_map=uv_map or ""), free_name(material)
-    folder = kept / _digest(seen, repr((uv_map, tiles, name, alike, size)))
+    started, made = time.monotonic(), False
+    seen = collect(material, scene, frame, uv_map=uv_map or "", mask=mask)
+    name = free_name(material)
+    how = {"uv_map": uv_map, "tiles": tiles, "alike": alike, "name": name, "size": size}
+    folder = kept / _digest(seen, repr(how))
+    layout = None
     if not folder.is_dir():
-        layout = lay_out(
-            *(seen, material, scene, frame),
-            uv_map=uv_map,
-            tiles=tiles,
-            alike=alike,
-            name=name,
-            size=size,
-        )
+        layout = lay_out(seen, material, scene, frame, **how)
         if not isinstance(layout, Layout):
             return SurfaceMaps(None, None, layout)
-        part = folder.with_suffix(".part")
-        shutil.rmtree(part, ignore_errors=True)
-        part.mkdir(parents=True)
-        write_maps(layout, part)
-        _keep(layout, part)
-        part.rename(folder)
-        made = time.monotonic() - started
+        _write(layout, folder)
+        made = True
+    found = _kept(folder)
+    if mask is not None:
+        shades = mask.shades()
+        path = folder / f"{_MASK}{mask.digest(seen, shades)}.exr"
+        if not path.is_file():
+            layout = layout or lay_out(seen, material, scene, frame, **how)
+            assert isinstance(layout, Layout)  # as it was before
+            _write_mask(layout, shades, path)
+            made = True
+        found = replace(found, mask=path, notes=(*found.notes, *mask.missing(seen)))
     folder.touch()
     for old in sorted(kept.iterdir(), key=lambda each: each.stat().st_mtime)[:-_KEPT]:
         shutil.rmtree(old, ignore_errors=True)
-    return replace(_kept(folder), seconds=made)
+    return replace(found, seconds=time.monotonic() - started if made else 0.0)
+
+
+def _write(layout: Layout, folder: Path) -> None:
+    """Writes a folder, whole or not at all."""
+    part = folder.with_suffix(".part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir(parents=True)
+    write_maps(layout, part)
+    _keep(layout, part)
+    part.rename(folder)
+
+
+def _write_mask(layout: Layout, shades: Array | None, path: Path) -> None:
+    """Writes a mask in the place of those before it."""
+    for old in path.parent.glob(f"{_MASK}*"):
+        old.unlink()
+    part = path.with_name("part.exr")
+    write_exr(part, with_margin(layout.raster, drawn(layout, shades)))
+    part.rename(path)
 
 
 def own_uv_map(

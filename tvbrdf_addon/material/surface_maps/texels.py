@@ -16,7 +16,7 @@ from .layout import Layout
 from .raster import Raster
 from .shelter import shelter
 
-__all__ = ("write_maps",)
+__all__ = ("with_margin", "write_maps")
 
 Array = NDArray[np.float32]
 Marks = NDArray[np.bool_]
@@ -58,6 +58,11 @@ def _write_sheltered(layout: Layout, position: Array, normal: Array, folder: Pat
     beside = nearest_covered(there, reach=_MARGIN)
     for name, values in zip(("ao", "edge", "sky"), np.moveaxis(sheltered, 2, 0), strict=True):
         write_exr(folder / f"{name}.exr", _beyond(values[..., None], beside)[..., 0])
+
+
+def with_margin(raster: Raster, pixels: Array) -> Array:
+    """A map [H, W] of a raster, gone on beside its faces."""
+    return _beyond(pixels[..., None], nearest_covered(raster.covered, reach=_MARGIN))[..., 0]
 
 
 def _shrunk(size: tuple[int, int]) -> tuple[int, int]:
