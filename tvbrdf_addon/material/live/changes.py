@@ -106,7 +106,7 @@ def changed(
         kd = start.kd.scaled(gain.kd, total.kd) - raised
         ks = start.ks.scaled(gain.ks, total.ks) - raised
         roughness = start.roughness.scaled(gain.roughness, total.roughness) - raised
-        roughness = roughness.maximum(ROUGHNESS_MIN).minimum(1.0)
+        roughness = roughness.within(ROUGHNESS_MIN, 1.0)
         state = State(kd.maximum(_NONE), ks.maximum(_NONE), roughness)
     if not maps.height:
         return state, None

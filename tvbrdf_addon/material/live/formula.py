@@ -31,7 +31,7 @@ __all__ = (
 )
 
 # Numbers and vectors are many: they are collapsed, and read as a formula.
-_COLLAPSED = ("MATH", "VECT_MATH", "MIX", "SEPXYZ", "SEPARATE_COLOR")
+_COLLAPSED = ("MATH", "VECT_MATH", "MIX", "CLAMP", "SEPXYZ", "SEPARATE_COLOR")
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,11 @@ class Number:
     def clamp(self) -> Number:
         """At least 0 and at most 1."""
         return self.canvas.math("ADD", self, 0.0, clamp=True)
+
+    def within(self, least: Numeric, most: Numeric) -> Number:
+        """At least the one and at most the other, which is not below it: in one step, not two."""
+        node = self.canvas.add("ShaderNodeClamp", self, least, most, clamp_type="MINMAX")
+        return Number(self.canvas, node.outputs["Result"])
 
     def square(self) -> Number:
         return self * self

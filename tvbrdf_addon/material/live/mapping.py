@@ -18,7 +18,7 @@ __all__ = ("exact_group", "forward_group", "new_group", "read_back_group", "shar
 
 _NONE, _ONE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 _TINY = 1e-30
-_FAR = 1e12
+_FAR, _HUGE = 1e12, 1e30
 # Small enough to be nothing, and the second by far larger than the first.
 _LEAST_TINT, _LEAST_KS = (1e-10, 1e-10, 1e-10), (1e-8, 1e-8, 1e-8)
 
@@ -116,12 +116,13 @@ def _read_back(canvas: Canvas) -> dict[str, Number | Triple]:
         authored = canvas.triple("Specular Tint").maximum(_NONE)
         tinted = greater(dot(authored, authored), _TINY)
         tint = where3(tinted, authored, _ONE).maximum(_LEAST_TINT)
-        tint2 = dot(tint, tint)
+        # Of what is dotted with it, the length along the tint, in tints.
+        along_tint = tint * (1.0 / dot(tint, tint))
         per_level = _f0_per_level(canvas) * tinted
         most_f0 = per_level * canvas.number("Specular IOR Level").maximum(1.0)
     with canvas.stage("Kd and Ks along the tint and across"):
         kd, ks = canvas.triple("Kd"), canvas.triple("Ks")
-        kd_along, ks_along = dot(kd, tint) / tint2, dot(ks, tint) / tint2
+        kd_along, ks_along = dot(kd, along_tint), dot(ks, along_tint)
         along = kd_along + ks_along
         across = kd + ks - tint * along
         ks_across = ks - tint * ks_along
@@ -149,9 +150,10 @@ def _read_back(canvas: Canvas) -> dict[str, Number | Triple]:
         # A channel without tint limits no F0, whatever its Ks.
         share = (ks.maximum(_LEAST_KS) / tint).least()
         f0 = (along - kd_along / q).minimum(share) / q
-        f0 = f0.maximum(0.0).minimum(most_f0)
-        free = q.minimum(per_level)
-        level = where(greater(free, 0.0), f0 / per_level, canvas.number("Specular IOR Level"))
+        f0 = f0.within(0.0, most_f0)
+        # A mix clamps its share.
+        is_free = q * (per_level * _HUGE)
+        level = where(is_free, f0 / per_level, canvas.number("Specular IOR Level"))
     with canvas.stage("Base color: least squares of Kd = q base and Ks - q F0 = metallic base"):
         metallic = 1.0 - q
         base = where3(q, kd, ks - tint * (q * f0))
