@@ -26,11 +26,12 @@ PIP_INSTALL = -m pip install --quiet --disable-pip-version-check
 READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects extension extensions repository wheels test test-blenders types format clean
+.PHONY: help demo objects thumbnails extension extensions repository wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
 	@echo "make objects        age five objects by every model, into out/objects.jpg"
+	@echo "make thumbnails     the pictures by which models are picked, beside the models"
 	@echo "make extension      build the zip to install in Blender, for PLATFORM (WHEELS=none: without torch)"
 	@echo "make extensions     build that of each platform: $(PLATFORMS)"
 	@echo "make repository     a folder to put on a web server, that Blender installs and updates from"
@@ -50,6 +51,11 @@ objects: $(READY)
 	@mkdir -p out && extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
 	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
 	    .venv-blender/bin/python tests/demo/weathered_objects.py "$$extension" out/objects.jpg
+
+thumbnails: $(READY)
+	@extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
+	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
+	    .venv-blender/bin/python tests/demo/thumbnails.py "$$extension" model_runtime/models
 
 extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/$(PLATFORM)/ready)
 	@.venv/bin/python .ci/extension.py build --platform $(PLATFORM) --wheels "$(WHEELS)" --output build

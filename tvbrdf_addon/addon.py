@@ -5,12 +5,15 @@ from __future__ import annotations
 import bpy
 
 from . import (
+    finding,
     follow,
     learn_panel,
     look,
+    models,
     operators,
     outlook,
     panels,
+    pictures,
     preferences,
     properties,
     session,
@@ -24,6 +27,7 @@ CLASSES = (
     *preferences.CLASSES,
     *properties.CLASSES,
     *operators.CLASSES,
+    *finding.CLASSES,
     *learn_panel.CLASSES,
     *panels.CLASSES,
 )
@@ -34,6 +38,7 @@ def register() -> None:
         bpy.utils.register_class(cls)
     properties.register()
     learn_panel.register()
+    panels.register()
     session.register()
     follow.register()
     command.register()
@@ -42,12 +47,15 @@ def register() -> None:
 def unregister() -> None:
     # The worker first: it must be gone before Blender replaces the extension's files.
     session.unregister()
+    panels.unregister()
     learn_panel.unregister()
     operators.unregister()
     look.unregister()
     follow.unregister()
     outlook.unregister()
     suiting.unregister()
+    models.unregister()
+    pictures.unregister()
     command.unregister()
     properties.unregister()
     for cls in reversed(CLASSES):

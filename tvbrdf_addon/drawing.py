@@ -21,14 +21,19 @@ MARGIN_PIXELS = 55
 LONGEST_TEXT = 2000
 
 Draw = Callable[[bpy.types.UILayout, bpy.types.Context], None]
-Icon: TypeAlias = Literal["NONE", "CAMERA_DATA", "DOT", "ERROR", "INFO", "TIME"]
+Icon: TypeAlias = Literal["NONE", "CAMERA_DATA", "DOT", "ERROR", "INFO", "PLAY", "TIME"]
 
 
 def paragraph(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: Icon = "NONE"
+    layout: bpy.types.UILayout,
+    context: bpy.types.Context,
+    text: str,
+    icon: Icon = "NONE",
+    *,
+    share: float = 1.0,
 ) -> None:
-    """`text` over as many lines as the region needs: Blender's labels do not wrap."""
-    pixels = context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS
+    """`text` over as many lines as that share of the region needs: Blender's labels do not wrap."""
+    pixels = (context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS) * share
     column = layout.column(align=True)
     column.scale_y = 0.8
     for number, line in enumerate(

@@ -9,7 +9,7 @@ import bpy
 
 from . import session, suiting
 from .errors import SettingsError
-from .known import scene_of
+from .known import by_uid, scene_of
 from .log import is_cancel, said_of
 from .look import Look
 from .material.binding.freeze import freeze
@@ -170,7 +170,7 @@ class _Ages(_OnMaterial):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "ESC" and event.value == "PRESS":
+        if event.type == "ESC" and event.value == "PRESS" and not is_playing():
             self._run.cancel()
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
@@ -185,7 +185,8 @@ class _Ages(_OnMaterial):
             self.report({"INFO" if is_cancel(error) else "ERROR"}, said)
             return {"CANCELLED"}
         warnings = tuple(self._run.warnings)
-        self._end(context, icon="ERROR", sentences=warnings)
+        said = _show(self._run) if self.kind() is Run else ""
+        self._end(context, icon="ERROR", sentences=warnings, next=said)
         self.report({"INFO"}, self.done.format(self._run.plan.material_name))
         for warning in warnings:
             self.report({"WARNING"}, warning)
@@ -202,9 +203,10 @@ class _Ages(_OnMaterial):
         *,
         icon: Literal["NONE", "ERROR"],
         sentences: tuple[str, ...],
+        next: str = "",
     ) -> None:
         _remove_timer()
-        session.finish(self._run, icon=icon, sentences=sentences)
+        session.finish(self._run, icon=icon, sentences=sentences, next=next)
         _redraw(context)
 
 
@@ -359,6 +361,20 @@ def _remove_timer() -> None:
 def unregister() -> None:
     # With its class Blender lets go of the operator that goes on, without a word to it.
     _remove_timer()
+
+
+def _show(run: Run) -> str:
+    """Lets the viewport show what a run made, where it does not yet; says what to do next."""
+    plan, scene = run.plan, by_uid(bpy.data.scenes, run.plan.scene_uid)
+    if scene is not None and scene.frame_current <= plan.frame_start and not is_playing():
+        scene.frame_set((plan.frame_start + plan.frame_end) // 2)
+    return "Drag Age, or play, to see it grow."
+
+
+def is_playing() -> bool:
+    """Whether an animation plays in any window."""
+    windows = bpy.context.window_manager.windows
+    return any(window.screen.is_animation_playing for window in windows)
 
 
 def _redraw(context: bpy.types.Context) -> None:

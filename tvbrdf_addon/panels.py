@@ -1,4 +1,6 @@
-"""The same panel in two places: the Shader Editor's sidebar and the Material properties."""
+"""The same panel, and those below it, in two places: the Shader Editor's sidebar and the Material
+properties.
+"""
 
 from __future__ import annotations
 
@@ -7,74 +9,27 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from . import exposure, learn_panel, look, masks, properties, session, strengths, suiting
+from . import age_panel, exposure, learn_panel, look, masks, properties, session, strengths
 from .drawing import guarded, paragraph
-from .estimate import in_bytes, in_time
 from .known import known, scene_of
-from .material.nodes.age import age_path
-from .material.nodes.record import is_live
-from .material.nodes.revert import is_aged
+from .material.nodes.record import is_aged, is_live
 from .material.reading.chosen import object_with
 from .material.reading.onset import is_invertible
 from .material.result import result_folder
 from .operators import material_of
-from .outlook import look_soon, outlook_of
-from .rates import LONG_SECONDS
-from .run import Run, why_not
 from .sentences import report_in
-from .sharing import left_out
 
-__all__ = ("CLASSES",)
-
-
-def _time_left(seconds: float) -> str:
-    if seconds < 10:
-        return "a few seconds left"
-    if seconds < 90:
-        return f"about {round(seconds, -1):.0f} s left"
-    return f"about {seconds / 60:.0f} min left"
+__all__ = ("CLASSES", "register", "unregister")
 
 
 @guarded
-def _draw_age(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    material = material_of(context)
-    if material is None:
-        layout.label(text="Give the object a material to age it.")
-        return
+def _draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    material = known(material_of(context))
     layout.use_property_split = True
     layout.use_property_decorate = False
-    run = session.current()
-    settings = layout.column()
-    settings.enabled = run is None and material.library is None
-    _draw_model(settings, context, material)
-    _draw_range(settings, context, material)
-    _draw_detail(settings, material)
-    layout.separator()
-    if run is not None:
-        _draw_progress(layout, run)
-    else:
-        _draw_action(layout, context, material)
-        _draw_outcome(layout, context, material)
-        _draw_report(layout, context, material)
-
-
-def _draw_model(
-    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
-) -> None:
-    settings = material.tvbrdf
-    layout.prop(settings, "ntm")
-    if settings.ntm == properties.OWN_FILE:
-        layout.prop(settings, "ntm_file")
-    look_soon(material, scene_of(context))
-    if said := suiting.doubt(material):
-        paragraph(layout, context, said, "ERROR")
-    card = properties.card_of(settings)
-    if card is not None:
-        box = layout.box()
-        paragraph(box, context, card.summary)
-        for source in card.details.get("sources", ()):
-            paragraph(box, context, "From {name}: {credit} ({license}).".format_map(source))
-    strengths.draw(layout, material, card)
+    layout.enabled = session.current() is None and material.library is None
+    _draw_range(layout, context, material)
+    _draw_detail(layout, material)
 
 
 def _draw_range(
@@ -101,81 +56,6 @@ def _draw_detail(layout: bpy.types.UILayout, material: bpy.types.Material) -> No
         column.prop(settings, "size")
     column.prop(settings, "quality")
     column.prop(settings, "output")
-
-
-def _draw_action(
-    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
-) -> None:
-    aged = is_aged(material)
-    row = layout.row()
-    row.scale_y = 1.5
-    text = "Age Again from the Original" if aged else "Age Material"
-    row.operator("tvbrdf.age_material", text=text)
-    # Below the button: what comes and goes must not move it under the mouse.
-    if reason := why_not(material, scene_of(context)):
-        paragraph(layout, context, reason, "ERROR")
-    else:
-        _draw_forecast(layout, context, material)
-    if aged:
-        if (path := age_path(material)) is not None:
-            layout.prop(material, path, text="Age", slider=True)
-        row = layout.row(align=True)
-        row.operator("tvbrdf.revert", icon="LOOP_BACK")
-        row.operator(
-            "tvbrdf.freeze", text=f"Freeze at {context.scene.frame_current}", icon="FREEZE"
-        )
-        if is_live(material):
-            layout.operator("tvbrdf.bake_frames", icon="RENDER_ANIMATION")
-        if said := left_out(material):
-            paragraph(layout, context, said, "ERROR")
-
-
-def _draw_forecast(
-    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
-) -> None:
-    if (expected := outlook_of(material, scene_of(context))) is None:
-        return
-    seconds, balanced = expected.estimate.seconds, expected.balanced.seconds
-    said = f"About {in_time(seconds)}, {in_bytes(expected.estimate.bytes)}."
-    if material.tvbrdf.quality == EXACT and seconds > max(LONG_SECONDS, 2 * balanced):
-        texels = expected.size[0] * expected.size[1]
-        said += f" Exact models each of {texels:,} texels; Balanced takes {in_time(balanced)}."
-    paragraph(layout, context, said, "TIME" if seconds < LONG_SECONDS else "ERROR")
-    if expected.why:
-        paragraph(layout, context, expected.why, "CAMERA_DATA")
-
-
-def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
-    # In the place of the button, as high as it: a widget that comes to lie under a resting mouse
-    # would be drawn in the button's state.
-    row = layout.row()
-    row.scale_y = 1.5
-    row.alignment = "CENTER"
-    row.label(text=f"Aging {run.plan.material_name}")
-    column = layout.column(align=True)
-    left = "" if run.seconds_left is None else f"  {_time_left(run.seconds_left)}"
-    column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}{left}")
-    column.label(text=f"{run.stage}…")
-    if run.previewing:
-        column.label(text="Play: a preview is shown", icon="PLAY")
-    row = layout.row()
-    row.enabled = not run.cancel_requested
-    row.operator("tvbrdf.cancel", text="Canceling…" if run.cancel_requested else "Cancel", icon="X")
-
-
-def _draw_outcome(
-    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
-) -> None:
-    outcome = session.outcome()
-    if outcome is None:
-        return
-    if outcome.material_uid == material.session_uid:
-        for sentence in outcome.sentences:
-            paragraph(layout, context, sentence, outcome.icon)
-    elif not any(other.session_uid == outcome.material_uid for other in bpy.data.materials):
-        # It was deleted, or its file closed: there is no other place left to say so.
-        for sentence in outcome.sentences:
-            paragraph(layout, context, f"{outcome.material_name}: {sentence}", outcome.icon)
 
 
 @guarded
@@ -207,10 +87,17 @@ def _draw_advanced(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     row.prop(settings, "tolerance", text="Tolerance (dB)")
     column.prop(settings, "specular")
     column.separator()
+    card = properties.card_of(settings)
+    strengths.draw(column, material, card)
     column.prop(settings, "binding")
     column.prop(settings, "format")
     box = column.box()
     paragraph(box, context, properties.SHOWN[settings.format].told.meaning)
+    if card is not None:
+        box = layout.box()
+        paragraph(box, context, f"{card.title}: {card.summary}")
+        for source in card.details.get("sources", ()):
+            paragraph(box, context, "From {name}: {credit} ({license}).".format_map(source))
 
 
 def _draw_onset(
@@ -229,26 +116,24 @@ def _draw_onset(
     paragraph(layout, context, f"{first} starts first, {last} last.", "INFO")
 
 
-def _draw_report(
-    layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
-) -> None:
+@guarded
+def _draw_result(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    material = known(material_of(context))
     settings, folder = material.tvbrdf, result_folder(material)
-    report = report_in(folder) if folder is not None and is_aged(material) else None
+    if is_live(material):
+        layout.operator("tvbrdf.bake_frames", icon="RENDER_ANIMATION")
+    report = report_in(folder) if folder is not None else None
     if report is None:
-        return
-    header, body = layout.panel("tvbrdf_report", default_closed=True)
-    header.label(text="Report")
-    if body is None:
         return
     card = properties.card_named(report.ntm)
     usual = properties.usual_model(card) if card is not None else None
     for sentence in filter(None, (report.change(usual), *report.sentences, settings.size_reason)):
-        paragraph(body, context, sentence, "DOT")
+        paragraph(layout, context, sentence, "DOT")
     outcome = session.outcome()
     said = outcome.sentences if outcome and outcome.material_uid == material.session_uid else ()
     for sentence in report.warnings:
         if sentence not in said:
-            paragraph(body, context, sentence, "ERROR")
+            paragraph(layout, context, sentence, "ERROR")
 
 
 class _SidebarPanel:
@@ -272,89 +157,152 @@ class _PropertiesPanel:
         return context.material is not None
 
 
-class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
-    bl_label = "Age Material"
+class _OfMaterial:
+    """A part of the panel that there is where there is a material; closed at first."""
 
-    def draw(self, context: bpy.types.Context) -> None:
-        _draw_age(known(self.layout), context)
-
-
-class NODE_PT_tvbrdf_start(_SidebarPanel, bpy.types.Panel):
-    bl_label = "Where It Starts"
-    bl_parent_id = "NODE_PT_tvbrdf_age"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return material_of(context) is not None
+
+
+class _Start(_OfMaterial):
+    bl_label = "Where It Starts"
 
     def draw(self, context: bpy.types.Context) -> None:
         _draw_start(known(self.layout), context)
 
 
-class NODE_PT_tvbrdf_advanced(_SidebarPanel, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "NODE_PT_tvbrdf_age"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+class _Settings(_OfMaterial):
+    bl_label = "Time and Size"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return material_of(context) is not None
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_settings(known(self.layout), context)
+
+
+class _Advanced(_OfMaterial):
+    bl_label = "Advanced"
 
     def draw(self, context: bpy.types.Context) -> None:
         _draw_advanced(known(self.layout), context)
 
 
-class NODE_PT_tvbrdf_learn(_SidebarPanel, bpy.types.Panel):
+class _Learn(_OfMaterial):
     bl_label = "Learn from Material"
-    bl_parent_id = "NODE_PT_tvbrdf_age"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         learn_panel.draw(known(self.layout), context)
+
+
+class _Result(_OfMaterial):
+    bl_label = "Result"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        material = material_of(context)
+        return material is not None and is_aged(material)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_result(known(self.layout), context)
+
+
+class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
+    bl_label = "Age Material"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        age_panel.draw(known(self.layout), context)
 
 
 class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
     bl_label = "Age Material"
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_age(known(self.layout), context)
+        age_panel.draw(known(self.layout), context)
 
 
-class MATERIAL_PT_tvbrdf_start(_PropertiesPanel, bpy.types.Panel):
-    bl_label = "Where It Starts"
+class NODE_PT_tvbrdf_result(_Result, _SidebarPanel, bpy.types.Panel):
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+
+
+class NODE_PT_tvbrdf_start(_Start, _SidebarPanel, bpy.types.Panel):
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+
+
+class NODE_PT_tvbrdf_settings(_Settings, _SidebarPanel, bpy.types.Panel):
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+
+
+class NODE_PT_tvbrdf_advanced(_Advanced, _SidebarPanel, bpy.types.Panel):
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+
+
+class NODE_PT_tvbrdf_learn(_Learn, _SidebarPanel, bpy.types.Panel):
+    bl_parent_id = "NODE_PT_tvbrdf_age"
+
+
+class MATERIAL_PT_tvbrdf_result(_Result, _PropertiesPanel, bpy.types.Panel):
     bl_parent_id = "MATERIAL_PT_tvbrdf_age"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+
+class MATERIAL_PT_tvbrdf_start(_Start, _PropertiesPanel, bpy.types.Panel):
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+
+
+class MATERIAL_PT_tvbrdf_settings(_Settings, _PropertiesPanel, bpy.types.Panel):
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+
+
+class MATERIAL_PT_tvbrdf_advanced(_Advanced, _PropertiesPanel, bpy.types.Panel):
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+
+
+class MATERIAL_PT_tvbrdf_learn(_Learn, _PropertiesPanel, bpy.types.Panel):
+    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
+
+
+class PROPERTIES_PT_tvbrdf_drop_down(bpy.types.Panel):
+    bl_label = "Age Material"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "HEADER"  # drawn nowhere of itself
+    bl_ui_units_x = 12
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_start(known(self.layout), context)
-
-
-class MATERIAL_PT_tvbrdf_advanced(_PropertiesPanel, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-
-    def draw(self, context: bpy.types.Context) -> None:
-        _draw_advanced(known(self.layout), context)
-
-
-class MATERIAL_PT_tvbrdf_learn(_PropertiesPanel, bpy.types.Panel):
-    bl_label = "Learn from Material"
-    bl_parent_id = "MATERIAL_PT_tvbrdf_age"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-
-    def draw(self, context: bpy.types.Context) -> None:
-        learn_panel.draw(known(self.layout), context)
+        age_panel.draw(known(self.layout), context)
 
 
 CLASSES = (
+    PROPERTIES_PT_tvbrdf_drop_down,
     NODE_PT_tvbrdf_age,
+    NODE_PT_tvbrdf_result,
     NODE_PT_tvbrdf_start,
+    NODE_PT_tvbrdf_settings,
     NODE_PT_tvbrdf_advanced,
     NODE_PT_tvbrdf_learn,
     MATERIAL_PT_tvbrdf_age,
+    MATERIAL_PT_tvbrdf_result,
     MATERIAL_PT_tvbrdf_start,
+    MATERIAL_PT_tvbrdf_settings,
     MATERIAL_PT_tvbrdf_advanced,
     MATERIAL_PT_tvbrdf_learn,
 )
+
+
+_SLOTS = ("EEVEE_MATERIAL_PT_context_material", "CYCLES_PT_context_material")
+"""Panels with a material's slots, a render engine each: at the top, and always open."""
+
+
+def _draw_below_slots(self: bpy.types.Panel, context: bpy.types.Context) -> None:
+    age_panel.draw_row(known(self.layout), context)
+
+
+def register() -> None:
+    for name in _SLOTS:
+        if (panel := getattr(bpy.types, name, None)) is not None:
+            panel.append(_draw_below_slots)
+
+
+def unregister() -> None:
+    for name in _SLOTS:
+        if (panel := getattr(bpy.types, name, None)) is not None:
+            panel.remove(_draw_below_slots)

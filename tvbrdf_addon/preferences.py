@@ -13,7 +13,7 @@ from ..model_runtime.model_files import weights
 from .launch import Launch
 from .models import models_in
 
-__all__ = ("CLASSES", "launch", "model_folders", "models_folder", "user_file")
+__all__ = ("CLASSES", "kept_apart", "launch", "model_folders", "models_folder", "user_file")
 
 # The extension's own module, `bl_ext.<repository>.tvbrdf`.
 EXTENSION = __package__.rpartition(".")[0]
@@ -82,6 +82,11 @@ def models_folder() -> Path | None:
     if preferences is not None and preferences.models_folder:
         return Path(bpy.path.abspath(preferences.models_folder))
     return user_file("models")
+
+
+def kept_apart() -> Path | None:
+    """Where textures lie of files that are not saved yet; None where there is no place for them."""
+    return user_file("aged")
 
 
 def launch() -> Launch:

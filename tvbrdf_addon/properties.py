@@ -29,7 +29,7 @@ from .known import scene_of
 from .masks import Masks, is_still
 from .material.binding.retime import retime
 from .material.nodes.age import frame_range
-from .models import OWN_FILE, enum_number, models_in
+from .models import OWN_FILE, Item, enum_number, models_in
 from .strengths import Strengths
 
 __all__ = (
@@ -101,9 +101,7 @@ def _items(choices: Mapping[str, Told]) -> tuple[tuple[str, str, str], ...]:
     return tuple((name, told.title, told.meaning) for name, told in choices.items())
 
 
-def _model_items(
-    self: TVBRDF_PG_material | None, _context: bpy.types.Context | None
-) -> list[tuple[str, str, str, str, int]]:
+def _model_items(self: TVBRDF_PG_material | None, _context: bpy.types.Context | None) -> list[Item]:
     return suiting.models_for(self.id_data if self is not None else None)
 
 

@@ -19,7 +19,8 @@ from ..model_runtime.contract import DRAFT, EXACT, FRAMES, LIVE
 from ..model_runtime.errors import Cancelled
 from ..model_runtime.messages import Verb
 from ..model_runtime.output.commit import recover
-from . import exposure, outlook, output, properties
+from . import exposure, outlook, properties
+from .destination import folder_for, require_place
 from .errors import MaterialError, RunEndedError, SettingsError, WorkerError
 from .growth import grows, growth, needs_no_texels
 from .known import by_uid
@@ -28,7 +29,7 @@ from .material.nodes.revert import is_aged, revert
 from .material.reading.check import why_not as why_not_readable
 from .material.reading.chosen import object_named, object_with
 from .material.reading.onset import is_invertible, why_no_mask, why_no_onset
-from .material.result import note_result, result_folder
+from .material.result import note_result
 from .worker import Done, Notice, Progress, Worker
 from .worker import run as ask
 
@@ -87,9 +88,7 @@ def plan(
     settings = material.tvbrdf
     model = _require_settings(material, scene)
     frame_start, frame_end = frame_range(material, scene)
-    parent = output.folder_meant(settings.output, bpy.path.abspath("//"))
-    folder = output.free_folder(parent, material.name, _folders_in_use(material))
-    output.require_writable(folder)
+    folder = folder_for(material)
     return Plan(
         material_uid=material.session_uid,
         material_name=material.name,
@@ -140,30 +139,10 @@ def _require_settings(material: bpy.types.Material, scene: bpy.types.Scene) -> P
             f"The frame range {frame_start} to {frame_end} is empty.",
             "Set a last frame after the first one.",
         )
-    if not settings.output:
-        raise SettingsError("There is no output folder.", "Choose one.")
-    if settings.output.startswith("//") and not bpy.data.filepath:
-        raise SettingsError(
-            "This file is not saved yet, so its folder is unknown.",
-            "Save it, or choose an absolute output folder.",
-        )
+    require_place(material)
     if reason := why_no_onset(material, scene) or why_no_mask(material, scene):
         raise SettingsError(reason)
     return model
-
-
-def _folders_in_use(material: bpy.types.Material) -> list[Path]:
-    """The folders of all images, and of other materials' results.
-
-    This material's own textures count: an undo must find them as they were.
-    """
-    files = [
-        Path(bpy.path.abspath(image.filepath, library=image.library))
-        for image in bpy.data.images
-        if image.filepath
-    ]
-    others = (result_folder(other) for other in bpy.data.materials if other != material)
-    return [file.parent for file in files] + [each for each in others if each is not None]
 
 
 class Run:

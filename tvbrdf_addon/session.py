@@ -37,13 +37,15 @@ POLL_SECONDS = 0.05
 class Outcome:
     """How a run ended, for the panel of the material it was about.
 
-    `sentences` are its warnings, or why it failed; `icon` goes before each.
+    `sentences` are its warnings, or why it failed; `icon` goes before each.  `next` says what to do
+    with what it made.
     """
 
     material_uid: int
     material_name: str
     icon: Literal["NONE", "ERROR"]
     sentences: tuple[str, ...]
+    next: str = ""
 
 
 _worker: Worker | None = None
@@ -90,13 +92,15 @@ def begin(
     return _current
 
 
-def finish(run: Run, *, icon: Literal["NONE", "ERROR"], sentences: tuple[str, ...]) -> None:
+def finish(
+    run: Run, *, icon: Literal["NONE", "ERROR"], sentences: tuple[str, ...], next: str = ""
+) -> None:
     """Let go of a run that has ended, however it did, and keep what is to be said of it."""
     global _current, _outcome
     run.close()
     if _current is run:
         _current = None
-    _outcome = Outcome(run.plan.material_uid, run.plan.material_name, icon, sentences)
+    _outcome = Outcome(run.plan.material_uid, run.plan.material_name, icon, sentences, next)
 
 
 def age_and_wait(

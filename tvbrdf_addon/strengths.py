@@ -11,7 +11,7 @@ from .material.nodes.strengths import GRAIN, RELIEF, set_strengths, strength
 if TYPE_CHECKING:
     from ..model_runtime.model_files.weights import ModelCard
 
-__all__ = ("Strengths", "draw")
+__all__ = ("Strengths", "draw", "draw_shown")
 
 
 def _show(self: Any, _context: bpy.types.Context) -> None:
@@ -47,6 +47,13 @@ class Strengths:
         options=set(),
         update=_show,
     )
+
+
+def draw_shown(layout: bpy.types.UILayout, material: bpy.types.Material) -> None:
+    """The sliders that the nodes of an aged material follow."""
+    for name in (GRAIN, RELIEF):
+        if strength(material, name) is not None:
+            layout.prop(material.tvbrdf, name.lower(), slider=True)
 
 
 def draw(layout: bpy.types.UILayout, material: bpy.types.Material, card: ModelCard | None) -> None:

@@ -9,7 +9,7 @@ import bpy
 from ..model_runtime.model_files.suits import Suited, Surface, ordered
 from . import preferences
 from .material.nodes.record import is_aged
-from .models import Models, models_in
+from .models import Item, Models, models_in
 
 __all__ = ("doubt", "look_at", "models_for", "unregister")
 
@@ -43,7 +43,7 @@ def _is_automatic(settings: Any) -> bool:
     return settings.ntm == settings.suggested or not settings.is_property_set("ntm")
 
 
-def models_for(material: bpy.types.ID | None) -> list[tuple[str, str, str, str, int]]:
+def models_for(material: bpy.types.ID | None) -> list[Item]:
     """The items of the list of models, what suits `material` best first, as far as is known."""
     models = models_in(preferences.model_folders())
     suited = _suited(material) if material is not None else []

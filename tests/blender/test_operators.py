@@ -196,6 +196,19 @@ def test_an_unsaved_file_has_no_folder(empty_scene: bpy.types.Scene, tmp_path: P
     assert Path(material.tvbrdf.folder) == tmp_path / "Steel"
 
 
+def test_an_unsaved_file_is_aged_in_a_new_folder_each_time(
+    empty_scene: bpy.types.Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(preferences, "kept_apart", lambda: tmp_path)
+    material = add_material("Steel")
+    assert age() == {"FINISHED"}
+    first = Path(material.tvbrdf.folder)
+    assert first.relative_to(tmp_path).parts[1:] == ("aged", "Steel")
+    time.sleep(1.1)
+    assert age() == {"FINISHED"}
+    assert Path(material.tvbrdf.folder) != first and first.is_dir()
+
+
 def test_an_output_that_is_a_file(folder: Path):
     (folder / "aged").write_text("not a folder")
     with pytest.raises(RuntimeError, match="is a file, not a folder"):

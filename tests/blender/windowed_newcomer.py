@@ -6,6 +6,7 @@ Its worker is `stub_worker.py`, beside it.
 from __future__ import annotations
 
 import os
+import subprocess
 
 import bpy
 from windowed_steps import (
@@ -13,8 +14,11 @@ from windowed_steps import (
     EXCHANGE,
     Steps,
     away_with_the_splash_screen,
+    ended,
     go_through,
+    key,
     redraw,
+    session,
     shoot,
     sidebar,
     until,
@@ -50,6 +54,72 @@ def suits() -> Steps:
     redraw()
     yield 2 * DRAWN
     shoot("doubt")
+    yield 2 * DRAWN
+    # On the picture: all of them.
+    yield from click(1095, 680)
+    shoot("grid")
+    yield from key("Escape")
+    with bpy.context.temp_override(**in_shader_editor()):
+        bpy.ops.tvbrdf.find_model("INVOKE_DEFAULT")
+    yield DRAWN
+    subprocess.run(["xdotool", "type", "steel"], check=True)
+    yield DRAWN
+    shoot("search")
+    yield from key("Escape")
+    yield from key("Escape")
+
+
+def ages() -> Steps:
+    material().tvbrdf.ntm = "patina"
+    redraw()
+    yield 2 * DRAWN
+    with bpy.context.temp_override(**in_shader_editor()):
+        bpy.ops.tvbrdf.age_material("INVOKE_DEFAULT")
+    yield from until(lambda: session().current().fraction > 0.3, 60)
+    yield DRAWN
+    shoot("progress")
+    yield from until(ended)
+    yield 3 * DRAWN
+    shoot("aged")
+    assert bpy.context.scene.frame_current == 125
+    with bpy.context.temp_override(**in_shader_editor()):
+        bpy.ops.tvbrdf.revert()
+
+
+def in_shader_editor() -> dict[str, object]:
+    area = next(a for a in bpy.context.window.screen.areas if a.ui_type == "ShaderNodeTree")
+    region = next(each for each in area.regions if each.type == "WINDOW")
+    return {"area": area, "region": region}
+
+
+def click(x: int, y: int) -> Steps:
+    for near in (4, 0):
+        subprocess.run(["xdotool", "mousemove", str(x - near), str(y)], check=True)
+        yield 0.3
+    subprocess.run(["xdotool", "click", "1"], check=True)
+    yield 2 * DRAWN
+
+
+def in_properties() -> Steps:
+    """The default Layout workspace's Material properties."""
+    bpy.context.window.workspace = bpy.data.workspaces["Layout"]
+    yield DRAWN
+    area = next(a for a in bpy.context.window.screen.areas if a.type == "PROPERTIES")
+    area.spaces.active.context = "MATERIAL"
+    redraw()
+    yield 2 * DRAWN
+    shoot("properties")
+    yield from click(1581, 529)
+    shoot("drop_down")
+    yield from key("Escape")
+    with bpy.context.temp_override(area=area):
+        bpy.ops.tvbrdf.age_material("INVOKE_DEFAULT")
+    yield from until(lambda: session().current().fraction > 0.3, 60)
+    yield DRAWN
+    shoot("row_progress")
+    yield from until(ended)
+    yield 2 * DRAWN
+    shoot("row_aged")
 
 
 def everything() -> Steps:
@@ -58,6 +128,8 @@ def everything() -> Steps:
     yield from away_with_the_splash_screen()
     yield from shading()
     yield from suits()
+    yield from ages()
+    yield from in_properties()
 
 
 go_through(everything(), "windowed newcomer")

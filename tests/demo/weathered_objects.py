@@ -201,13 +201,17 @@ def save(picture: np.ndarray, path: Path) -> None:
     image.save()
 
 
-def main() -> None:
-    extension, output, *models = sys.argv[1:]
+def install(extension: str) -> None:
     profile = Path(os.environ["BLENDER_USER_RESOURCES"])
     shutil.rmtree(profile / "extensions", ignore_errors=True)
     bpy.ops.extensions.package_install_files(
         filepath=extension, repo="user_default", enable_on_install=True
     )
+
+
+def main() -> None:
+    extension, output, *models = sys.argv[1:]
+    install(extension)
     rows, table = [], []
     for model in models or MATERIALS:
         row, cells = [], []
@@ -229,4 +233,5 @@ def main() -> None:
     print("|---" * (len(OBJECTS) + 1) + "|", *table, sep="\n")
 
 
-main()
+if __name__ == "__main__":
+    main()

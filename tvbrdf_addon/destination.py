@@ -1,0 +1,67 @@
+"""Which folder a material's textures are written to."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import bpy
+
+from . import output, preferences
+from .errors import SettingsError
+from .material.result import result_folder
+
+__all__ = ("folder_for", "is_kept_apart", "require_place")
+
+
+def is_kept_apart(material: bpy.types.Material) -> bool:
+    """Whether the textures of `material` are to lie beside a .blend that is not saved yet, and so
+    are kept where Blender keeps its settings.
+    """
+    return material.tvbrdf.output.startswith("//") and not bpy.data.filepath
+
+
+def require_place(material: bpy.types.Material) -> None:
+    """Raises `SettingsError` where there is no place for its textures.  Cheap enough to draw."""
+    if not material.tvbrdf.output:
+        raise SettingsError("There is no output folder.", "Choose one.")
+    if is_kept_apart(material) and preferences.kept_apart() is None:
+        raise SettingsError(
+            "This file is not saved yet, so its folder is unknown.",
+            "Save it, or choose an absolute output folder.",
+        )
+
+
+def folder_for(material: bpy.types.Material) -> Path:
+    """A folder for the textures of `material` that no other shows files of.
+
+    Raises:
+        SettingsError: there is none that can be written to.
+    """
+    parent = output.folder_meant(material.tvbrdf.output, _beside())
+    folder = output.free_folder(parent, material.name, _folders_in_use(material))
+    output.require_writable(folder)
+    return folder
+
+
+def _beside() -> str:
+    """What `//` is: the folder of the .blend, or of one that has none a new one each time, as
+    other files may show what lies in an older one.
+    """
+    if bpy.data.filepath or (kept := preferences.kept_apart()) is None:
+        return bpy.path.abspath("//")
+    return str(kept / time.strftime("%Y-%m-%d %H.%M.%S"))
+
+
+def _folders_in_use(material: bpy.types.Material) -> list[Path]:
+    """The folders of all images, and of other materials' results.
+
+    This material's own textures count: an undo must find them as they were.
+    """
+    files = [
+        Path(bpy.path.abspath(image.filepath, library=image.library))
+        for image in bpy.data.images
+        if image.filepath
+    ]
+    others = (result_folder(other) for other in bpy.data.materials if other != material)
+    return [file.parent for file in files] + [each for each in others if each is not None]
