@@ -9,20 +9,25 @@ import bpy.utils.previews
 
 from ..model_runtime.model_files import weights
 
-__all__ = ("icon_of", "unregister")
+__all__ = ("icon_of", "picture_of", "unregister")
 
 _ANY = weights.MODELS / "any.jpg"
 
 _pictures: bpy.utils.previews.ImagePreviewCollection | None = None
 
 
+def picture_of(model: Path) -> Path:
+    """The picture that shows what the model in that file does."""
+    picture = model.with_suffix(".jpg")
+    return picture if picture.is_file() else _ANY
+
+
 def icon_of(model: Path) -> int:
-    """The number of the icon that shows what the model in that file does."""
+    """The number of the icon with its picture; 0 where Blender has no window."""
     global _pictures
     if _pictures is None:
         _pictures = bpy.utils.previews.new()
-    picture = model.with_suffix(".jpg")
-    path = str(picture if picture.is_file() else _ANY)
+    path = str(picture_of(model))
     # Under a name of its own each time it is written: what was loaded once stays as it was.
     name = f"{path} {Path(path).stat().st_mtime_ns}"
     if name not in _pictures:

@@ -11,7 +11,7 @@ import bpy
 import pytest
 
 from model_runtime.model_files import weights
-from tvbrdf.tvbrdf_addon import finding, models, preferences, properties
+from tvbrdf.tvbrdf_addon import finding, models, pictures, preferences, properties
 
 BUNDLED = {path.stem for path in weights.MODELS.glob("*.safetensors") if "encoder" not in path.stem}
 RUST = weights.MODELS / "rust.safetensors"
@@ -112,22 +112,18 @@ def test_one_named_as_a_bundled_one_takes_its_place_and_says_so(folder: Path):
     assert properties.model_file(settings) == folder / "mine.safetensors"
 
 
-def test_every_bundled_model_has_a_small_picture_of_its_own(empty_scene: bpy.types.Scene):
-    icons = {item[0]: item[3] for item in properties._model_items(None, bpy.context)}
+def test_every_bundled_model_has_a_small_picture_of_its_own():
     for name in BUNDLED:
-        assert 2_000 < (weights.MODELS / f"{name}.jpg").stat().st_size < 30 * 1024
-    assert len(set(icons.values())) == len(icons), "each its own, and that of any model for a file"
+        picture = pictures.picture_of(weights.MODELS / f"{name}.safetensors")
+        assert picture.stem == name
+        assert 2_000 < picture.stat().st_size < 30 * 1024
 
 
 def test_a_model_of_ones_own_shows_what_lies_beside_it_or_a_picture_for_any(folder: Path):
     write(folder / "mine.safetensors")
-
-    def icons() -> dict[str, int]:
-        return {item[0]: item[3] for item in properties._model_items(None, bpy.context)}
-
-    assert icons()["mine"] == icons()["file"]
+    assert pictures.picture_of(folder / "mine.safetensors").name == "any.jpg"
     (folder / "mine.jpg").write_bytes((weights.MODELS / "moss.jpg").read_bytes())
-    assert icons()["mine"] not in {icons()["file"], icons()["moss"]}
+    assert pictures.picture_of(folder / "mine.safetensors") == folder / "mine.jpg"
 
 
 def test_models_are_found_by_what_they_are_for(empty_scene: bpy.types.Scene):
