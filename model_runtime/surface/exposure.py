@@ -28,7 +28,7 @@ Array = NDArray[np.float32]
 _QUANTILES = (0.02, 0.99)  # of a feature, that become 0 and 1
 _FAINT = 0.6  # power: what is a little sheltered is told from what is not at all
 _STRONGEST = 3  # power mean
-_SAID = np.float32(3.0)  # of a mask: more than all else can speak against it or for it
+_BLOCKED = np.float32(3.0)
 _SMOOTHED = 3  # times: a bake of few rays is noisy, and so is how points lie
 _FLAT = 0.04  # a feature that differs by less, of all that it could, says nothing
 
@@ -73,7 +73,7 @@ class Exposure:
 
     def susceptibility(self, known: Mapping[str, Array]) -> Array:
         """What the features [n] that are `known`, at least one, speak for and against by their
-        weights, the strongest nearly alone; and what is sought or blocked, which decides.
+        weights, the strongest nearly alone; less what is `blocked`, which nothing makes up for.
         """
         weighted = [
             np.float32(weight) * known[name]
@@ -81,10 +81,7 @@ class Exposure:
             if name in known
         ]
         total = _together(np.maximum(weighted, 0)) - _together(np.maximum(np.negative(weighted), 0))
-        for name, sign in ((SOUGHT, 1), (BLOCKED, -1)):
-            if name in known:
-                total = total + sign * _SAID * known[name]
-        return total
+        return total - _BLOCKED * known[BLOCKED] if BLOCKED in known else total
 
 
 _PROCESSES = {

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..temporal.processes import Growth
-from .exposure import WEAR, Exposure
+from .exposure import SOUGHT, WEAR, Exposure
 from .graph import Graph, arrival
 from .noise import SpaceNoise, random_numbers
 from .points import Points
@@ -33,6 +33,7 @@ _HEAD_START = 1.6  # of births, likewise, in times that the process takes from n
 _OWN = 1.5  # by how many of these times a point is born later where there is no nucleus
 _LEAST_CHANCE = 0.1
 _AHEAD = 2.0  # times from nucleus to nucleus that it starts earlier where it is told to
+_SOUGHT_AHEAD = 1.5  # times from nucleus to nucleus that it starts earlier where a mask seeks it
 _OCTAVES = 3
 
 
@@ -96,6 +97,8 @@ def grow(
     nucleus = race <= np.partition(race, min(count, len(race)) - 1)[min(count, len(race)) - 1]
     births = delay + growth.birth_spread * late + np.where(nucleus, 0, _OWN * usual)
     births = exposure.pattern * births - _HEAD_START * usual * susceptibility
+    if SOUGHT in known:
+        births = births - _SOUGHT_AHEAD * usual * known[SOUGHT]
     if WEAR in known and exposure.wear > 0:
         births = np.where(known[WEAR] > 0.5, births.min(), births)
     pace = np.float32(max(exposure.pattern, _LEAST_CHANCE))
