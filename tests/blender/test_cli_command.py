@@ -245,6 +245,17 @@ def test_what_is_not_there_is_said_before_any_work(
     assert [path.name for path in folder.iterdir()] == ["file.blend"]
 
 
+def test_a_file_that_was_not_opened_is_not_mistaken(folder: Path, capfd, monkeypatch):
+    """Blender goes on with the file that it starts with."""
+    monkeypatch.setattr(sys, "argv", ["blender", "-b", "gone.blend", "--command", "age_material"])
+    bpy.ops.wm.read_homefile()
+    output = ["--output", str(folder / "aged"), "--save-as", "x.blend"]
+    assert main(["--all", *USUAL, *output]) == 1
+    assert "gone.blend was not opened." in capfd.readouterr().err
+    monkeypatch.setattr(sys, "argv", ["blender", "-b", "--command", "age_material"])
+    assert main(["--all", *USUAL, *output]) == 0, "a script may have made it"
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has drives and no named pipes")
 @pytest.mark.parametrize("output", ["C:\\tex\\aged", "d:/tex", "\\\\server\\share"])
 def test_an_output_on_a_drive_of_windows_is_no_folder_here(folder: Path, capfd, output: str):

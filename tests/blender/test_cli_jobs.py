@@ -105,6 +105,24 @@ def test_a_job_file_is_enough(folder: Path):
     assert aged() == {"Steel", "Oak"}
 
 
+def test_tasks_share_the_materials(folder: Path, capfd):
+    """Each material is one task's, and what is not there is said once."""
+    cannot_be_aged()
+    words = ["--all", "--material", "Zinc", *USUAL, "--output", "results"]
+    shares = []
+    for part, code in ((1, 1), (2, 0), (3, 0), (4, 0), (5, 0)):
+        bpy.ops.wm.open_mainfile(filepath=str(folder / "file.blend"))
+        cannot_be_aged()
+        assert main([*words, "--share", f"{part}/5"]) == code
+        shares.append(aged())
+    assert sorted(shares, key=sorted) == [set(), set(), {"Copper"}, {"Oak"}, {"Steel"}]
+    out, err = capfd.readouterr()
+    assert out.count("Smoke: Left out:") == 1
+    assert err.count("Zinc.") == 2, "why, and that it was not aged"
+    for wrong in ("0/3", "4/3", "1", "-1/2", "1/"):
+        assert main([*words, f"--share={wrong}"]) == 2
+
+
 def test_places_are_kept_as_the_panel_has_them(folder: Path):
     words = ["--material", "Steel", "--ntm", "rust", "--frames", "1-20", "--size", "16"]
     places = ["--exposure", "sky=1,ground=-0.5", "--pattern-size", "0.25", "--amount", "0.5"]

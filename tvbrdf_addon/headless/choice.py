@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from itertools import islice
 
 import bpy
 
@@ -45,12 +46,14 @@ class Choice:
     left_out: dict[str, str] = field(default_factory=dict)
 
 
-def choose(jobs: Sequence[Job], scene: bpy.types.Scene) -> Choice:
+def choose(jobs: Sequence[Job], scene: bpy.types.Scene, share: tuple[int, int] = (1, 1)) -> Choice:
     """The materials that jobs name, with what is wanted kept in their settings.
 
     One that several name is aged once, as the last of them says.  What is refused keeps nothing
-    else from being done.
+    else from being done.  `share` is the number of a task, from 1, and how many share the
+    materials; what is not there is the first task's.
     """
+    part, parts = share
     choice = Choice()
     tasks: dict[bpy.types.Material, Task] = {}
     for job in jobs:
@@ -67,7 +70,9 @@ def choose(jobs: Sequence[Job], scene: bpy.types.Scene) -> Choice:
                 choice.refused[name] = f"{job.place}{error}"
             else:
                 tasks |= {each: Task(each, wanted, by_name) for each in found}
-    for task in tasks.values():
+    if part > 1:
+        choice.refused.clear()
+    for task in islice(tasks.values(), part - 1, None, parts):
         _settle(task, scene, choice)
     return choice
 

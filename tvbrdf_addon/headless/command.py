@@ -23,7 +23,7 @@ from .jobs import Job, jobs_of
 from .parser import NAME, UsageError, parser
 from .progress import Progress
 from .results import bind_result, result_of
-from .saving import require_place, save
+from .saving import require_file, require_place, save
 
 __all__ = ("main", "register", "unregister")
 
@@ -48,9 +48,10 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _run(arguments: argparse.Namespace, jobs: Sequence[Job], interrupts: Interrupts) -> int:
+    require_file()
     require_place(arguments.save_as)
     progress = Progress(arguments.progress, quiet=arguments.quiet)
-    choice = choose(jobs, scene_of(bpy.context))
+    choice = choose(jobs, scene_of(bpy.context), arguments.share)
     for sentence in dict.fromkeys(choice.refused.values()):
         _failed(sentence)
     for name, reason in choice.left_out.items():
@@ -99,6 +100,7 @@ def _age(task: Task, progress: Progress, interrupts: Interrupts) -> bool:
 
 def _bind(task: Task, folder: Path, progress: Progress) -> None:
     name, scene = task.material.name, scene_of(bpy.context)
+    progress.say(name, 0.0, "Binding")
     for warning in bind_result(task.material, scene, task.wanted.object_name, folder):
         tell(f"{name}: Warning: {warning}")
     progress.note(f"{name}: shows {folder}")

@@ -50,6 +50,13 @@ def parser() -> Parser:
         metavar="FILE",
         help="more materials, one job a line in these options, which hold for it alone",
     )
+    options.add_argument(
+        "--share",
+        type=values.share,
+        default=(1, 1),
+        metavar="K/N",
+        help="of all these materials those of the K-th of N tasks, which have about as many each",
+    )
     options.add_argument("--save-as", metavar="FILE", help="write the aged scene to this .blend")
     options.add_argument(
         "--progress",

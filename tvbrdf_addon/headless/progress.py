@@ -34,12 +34,16 @@ class Progress:
             tell(sentence)
 
     def of(self, run: Run) -> None:
-        """Print how far `run` is, unless that was said just now."""
+        """Print how far `run` is, unless something was said just now."""
+        self.say(run.plan.material_name, run.fraction, run.stage)
+
+    def say(self, name: str, share: float, stage: str) -> None:
+        """Print how far the material `name` is, unless something was said just now."""
         if self._quiet or time.monotonic() - self._said < _SECONDS:
             return
         self._said = time.monotonic()
-        whole = (self.ended + run.fraction) / self.materials
-        said = f"{run.plan.material_name}: {run.fraction:.0%} {run.stage}"
+        whole = (self.ended + share) / self.materials
+        said = f"{name}: {share:.0%} {stage}"
         if self._openjd:
             tell(f"openjd_progress: {100 * whole:.1f}")
             tell(f"openjd_status: {said}")

@@ -1,20 +1,32 @@
-"""The .blend that is written at the end."""
+"""The .blend that is aged, and the one that is written at the end."""
 
 from __future__ import annotations
 
+import sys
+from itertools import takewhile
 from pathlib import Path
 
 import bpy
 
 from ..errors import SettingsError
 
-__all__ = ("file_path", "require_place", "save")
+__all__ = ("file_path", "require_file", "require_place", "save")
 
 
 def file_path(path: str) -> str:
     """`path` as Blender takes it, whole where it is not beside the .blend."""
     # `//` means beside the .blend; anything else is the shell's.
     return path if path.startswith("//") else str(Path(path).absolute())
+
+
+def require_file() -> None:
+    """Raise SettingsError where Blender could not open the .blend that it was given: it goes on
+    with the one that it starts with.
+    """
+    before = takewhile(lambda word: word not in ("-c", "--command"), sys.argv[1:])
+    named = [word for word in before if word.endswith(".blend")]
+    if named and not bpy.data.filepath:
+        raise SettingsError(f"{named[-1]} was not opened.", "See what Blender says of it above.")
 
 
 def require_place(save_as: str | None) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from ...model_runtime.contract import AUTO, exposure_weights
 from .. import properties
 
-__all__ = ("exposure", "frames", "number", "size", "whole")
+__all__ = ("exposure", "frames", "number", "share", "size", "whole")
 
 
 def frames(text: str) -> tuple[int, int]:
@@ -61,3 +61,11 @@ def exposure(text: str) -> dict[str, float]:
         return exposure_weights(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def share(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
+    part, parts = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= part <= parts:
+        raise argparse.ArgumentTypeError(f"{text} is not a share such as 1/10 to 10/10")
+    return part, parts
