@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from model_runtime.images import read_bytes, read_image, write_exr
-from model_runtime.live.evaluate import Curves, LiveMaps
+from model_runtime.live.evaluate import BYTES, HALVES, Curves, LiveMaps
 from model_runtime.live.files import read_live
 from model_runtime.live.fitting import fit_live
 from model_runtime.live.low_rank import at_ages
@@ -142,6 +142,24 @@ def each_for_itself(aged: AgedTexels, start: torch.Tensor, change) -> AgedTexels
     return AgedTexels(start, own, Histories(change(start), 0.0), aged.gain, None)
 
 
+def as_roots(states: torch.Tensor) -> np.ndarray:
+    """With sqrt(alpha) in alpha's place."""
+    return torch.cat((states[:, :6], states[:, 6:].sqrt()), 1).numpy()
+
+
+class TestPacking:
+    def test_grain_is_as_much_below_0_as_above(self):
+        image = np.full((1, 1, 4), 128 / 255, np.float32)
+        found = BYTES.unpacked([image], (1, 1), 4, 3)
+        np.testing.assert_allclose(found[0, 0], (128 / 255, 0, 0, 0), atol=1e-7)
+        assert BYTES.unpacked([], (2, 3), 0, 0).shape == (2, 3, 0)
+
+    def test_floats_of_earlier_are_three_to_an_image(self):
+        images = [np.full((1, 1, 4), value, np.float32) for value in (0.5, -0.25)]
+        found = HALVES.unpacked(images, (1, 1), 4, 1)
+        np.testing.assert_array_equal(found[0, 0], (0.5, 0.5, 0.5, -0.25))
+
+
 class TestFit:
     def test_what_is_affine_costs_no_coefficient(self):
         _, found, _ = fitted(fade)
@@ -197,6 +215,17 @@ class TestFit:
         curves = found.sum.curves()
         assert (curves.gain[0, :7] == 1).all()
         assert not curves.offset[0].any() and not curves.shapes[:, 0].any()
+
+    def test_what_is_checked_is_what_bytes_hold(self):
+        aged, found, _ = fitted(lambda start: bend(start, 2))
+        assert found is not None and found.coefficients > 0
+        texels = aged.initial, aged.palette.index
+        held = found.sum.bytes_of(*texels)
+        assert (held == held.to(torch.uint8)).all()
+        assert (held.amin(0) == 0).all() and (held.amax(0) == 255).all()
+        curves, ages = found.sum.curves(), np.ones(len(held), np.float32)
+        shown = curves.at(start=as_roots(aged.initial), coefficients=held.numpy() / 255, age=ages)
+        np.testing.assert_allclose(shown, found.sum.at_ages(*texels)[:, -1], atol=1e-5)
 
     def test_a_texel_that_no_sample_meets_is_seen_to(self):
         def odd(start: torch.Tensor) -> torch.Tensor:
