@@ -15,7 +15,8 @@ from ..nodes.uv_maps import owned_uv_map
 from ..reading.tiles import Tiles
 from ..reading.unwrap import active_uv_map
 from .charts import Faces, laid_out
-from .collect import Part, Seen, UVMap, collect
+from .collect import Seen, UVMap, collect
+from .parts import Part
 from .raster import Raster, rasterize
 
 __all__ = ("Layout", "free_name", "lay_out")

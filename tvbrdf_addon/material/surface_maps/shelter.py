@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ...known import image_texture, known
 from ..reading.cycles import Baker, baking_scene
-from .collect import Around, Part
+from .collect import Around
+from .parts import Part
 
 __all__ = ("Shelter", "shelter")
 
