@@ -6,7 +6,7 @@ The last are kept: an artist looks where it starts before it ages, and ages it a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..temporal.pace import Timing
 from ..temporal.processes import Growth, growth_of
+from ..temporal.waves import octaves
 from .atlas import Atlas, Places
 from .exposure import Exposure, features, marked
 from .graph import join
@@ -60,7 +61,7 @@ class _Octaves:
 
     @classmethod
     def of(cls, noise: SpaceNoise, spacing: float) -> _Octaves:
-        return cls(noise, noise.octaves_above(_COARSE * spacing))
+        return cls(noise, noise.waves_above(_COARSE * spacing))
 
     def long(self, position: Array) -> Array:
         return self.noise.at(position, 0, self.coarse)
@@ -75,7 +76,7 @@ class _Octaves:
         return long[0] - bound, long[1] + bound
 
     def _end(self, texel: float) -> int:
-        return max(self.coarse, self.noise.octaves_above(texel))
+        return max(self.coarse, self.noise.waves_above(texel))
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,8 @@ def waves_of(atlas: Atlas, asked: Asked) -> Waves:
         growth = growth_of(asked.process, asked.timing)
         unit = usual_unit(float(points.area.sum(dtype=np.float64)))
     else:
-        growth = growth_of(asked.process, None)
+        sized = asked.timing and replace(asked.timing, scale=None)
+        growth = growth_of(asked.process, sized)
         unit = asked.pattern_size / growth.scale
     chance = Chance(asked.process, asked.seed, unit)
     known = {**features(atlas, points, graph), **marked(points, asked.marks(atlas.size))}
@@ -130,8 +132,11 @@ def waves_of(atlas: Atlas, asked: Asked) -> Waves:
         starts=points.nearest(asked.starts, atlas.origin),
     )
     border, mottling = (
-        _Octaves.of(chance.noise(purpose, growth.grain, growth.gain), points.spacing)
-        for purpose in ("border", "rate")
+        _Octaves.of(chance.noise(purpose, waves), points.spacing)
+        for purpose, waves in (
+            ("border", growth.waves()),
+            ("rate", octaves(growth.grain, growth.gain)),
+        )
     )
     ragged = np.float32(growth.raggedness)
     late = arrival / ragged + border.long(points.position)

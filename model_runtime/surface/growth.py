@@ -9,13 +9,14 @@ where an artist wants none of it.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..temporal.processes import Growth
+from ..temporal.waves import Wave, octaves
 from .exposure import SOUGHT, WEAR, Exposure
 from .graph import Graph, arrival
 from .noise import SpaceNoise, random_numbers
@@ -54,10 +55,9 @@ class Chance:
         )
         return np.random.default_rng(words)
 
-    def noise(self, purpose: str, cells: tuple[float, float], gain: float) -> SpaceNoise:
-        """With so many cells (down, across) a unit."""
-        down, across = (each / self.unit for each in cells)
-        return SpaceNoise.of(self.rng(purpose), (across, across, down), gain)
+    def noise(self, purpose: str, waves: Iterable[Wave]) -> SpaceNoise:
+        """Of `waves` with cells to a unit."""
+        return SpaceNoise.of(self.rng(purpose), (wave.scaled(1 / self.unit) for wave in waves))
 
 
 def usual_unit(area: float) -> float:
@@ -82,8 +82,8 @@ def grow(
     It begins at the points `starts` [k] before anywhere else.
     """
     susceptibility = exposure.susceptibility(known)
-    patches = chance.noise("patches", growth.clusters, 0.5)
-    uneven = chance.noise("slowness", growth.grain, 0.5)
+    patches = chance.noise("patches", octaves(growth.clusters, 0.5))
+    uneven = chance.noise("slowness", octaves(growth.grain, 0.5))
     delay = 0.5 * growth.cluster_delay * (1 + patches.at(points.position, 0, _OCTAVES))
 
     apart = 1 / np.sqrt(growth.nuclei)

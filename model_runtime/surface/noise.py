@@ -2,68 +2,74 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..temporal.waves import Wave
+
 __all__ = ("SpaceNoise", "random_numbers")
 
 Array = NDArray[np.float32]
 
-_PERIOD = 32  # cells after which an octave repeats; each is turned and moved on its own
+_PERIOD = 32  # cells after which a wave repeats; each is turned and moved on its own
 _STRIDES = (_PERIOD**2, _PERIOD, 1)
-_LEVELS = 1.3  # lattice values lie in +- this, so that an octave's deviation is about 0.5
-_MOST_OCTAVES = 24
+_LEVELS = 1.3  # lattice values lie in +- this, so that a wave's deviation is about 0.5
+_MOST_WAVES = 24
 
 
 @dataclass(frozen=True)
 class SpaceNoise:
-    """Octaves of value noise, roughly -1 to 1 in the first one.
+    """Waves of value noise, ever finer.
 
-    rng: where the lattice, the turns and the moves of the octaves come from
-    frequency: cells a meter of the first octave along x, y and z; each octave doubles them
-    gain: amplitude ratio from one octave to the next finer one
+    lattice, turns, moves: where its values come from, and how each wave is turned and moved
+    frequency: cells a meter of each wave along x, y and z: [K, 3]
+    height: of each, [K]; it goes roughly from minus that to it
     """
 
     lattice: Array
     turns: NDArray[np.float64]
     moves: NDArray[np.float64]
-    frequency: tuple[float, float, float]
-    gain: float
+    frequency: NDArray[np.float64]
+    height: NDArray[np.float64]
 
     @classmethod
-    def of(
-        cls, rng: np.random.Generator, frequency: tuple[float, float, float], gain: float
-    ) -> SpaceNoise:
+    def of(cls, rng: np.random.Generator, waves: Iterable[Wave]) -> SpaceNoise:
+        """`waves`, with cells (down, across) a meter, of which at most 24 are taken."""
+        told = list(itertools.islice(waves, _MOST_WAVES))
         lattice = rng.uniform(-_LEVELS, _LEVELS, _PERIOD**3).astype(np.float32)
-        turns, _ = np.linalg.qr(rng.standard_normal((_MOST_OCTAVES, 3, 3)))
-        moves = rng.uniform(0, _PERIOD, (_MOST_OCTAVES, 3))
-        return cls(lattice, turns, moves, frequency, gain)
+        turns, _ = np.linalg.qr(rng.standard_normal((_MOST_WAVES, 3, 3)))
+        moves = rng.uniform(0, _PERIOD, (_MOST_WAVES, 3))
+        frequency = np.array([(wave.across, wave.across, wave.down) for wave in told])
+        return cls(lattice, turns, moves, frequency, np.array([wave.height for wave in told]))
 
-    def octaves_above(self, length: float) -> int:
-        """How many octaves have cells of at least `length` meters, where the cells are shortest."""
-        cells = max(self.frequency) * length
-        return int(np.clip(np.floor(-np.log2(max(cells, 1e-9))) + 1, 0, _MOST_OCTAVES))
+    def waves_above(self, length: float) -> int:
+        """How many waves, from the first, have cells of at least `length` meters, where the cells
+        are shortest.
+        """
+        return int(np.count_nonzero(self.frequency.max(1) * length <= 1))
 
     def bound(self, first: int, last: int) -> float:
-        """What the octaves `first` to before `last` do not exceed together."""
-        return float(_LEVELS * sum(self.gain**k for k in range(first, last)))
+        """What the waves `first` to before `last` do not exceed together."""
+        return float(_LEVELS * self.height[first:last].sum())
 
     def at(self, position: Array, first: int, last: int) -> Array:
-        """The sum of the octaves `first` to before `last` at positions [n, 3], in meters: [n]."""
+        """The sum of the waves `first` to before `last` at positions [n, 3], in meters: [n]."""
         total = np.zeros(len(position), np.float32)
         x, y, z = np.ascontiguousarray(position.T)
-        for k in range(first, last):
+        for k in range(first, min(last, len(self.height))):
             # By hand: a product of matrices this thin wakes threads for nothing.
-            scaled = (np.array(self.frequency)[:, None] * self.turns[k] * 2.0**k).T
+            scaled = (self.frequency[k][:, None] * self.turns[k]).T
             rows = zip(scaled.astype(np.float32), self.moves[k].astype(np.float32), strict=True)
-            octave = self._octave(*(a * x + b * y + c * z + move for (a, b, c), move in rows))
-            octave *= np.float32(self.gain**k)
-            total += octave
+            wave = self._wave(*(a * x + b * y + c * z + move for (a, b, c), move in rows))
+            wave *= np.float32(self.height[k])
+            total += wave
         return total
 
-    def _octave(self, *cell: Array) -> Array:
+    def _wave(self, *cell: Array) -> Array:
         low, high, share = zip(*map(_cells, cell), strict=True)
         x, y, z = ((low[axis] * step, high[axis] * step) for axis, step in enumerate(_STRIDES))
 

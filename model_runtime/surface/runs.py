@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..temporal.waves import octaves
 from .graph import Graph
 from .noise import SpaceNoise
 from .points import Points
@@ -80,7 +81,7 @@ def deposit(
     weathers at all.
     """
     frequency = 1 / (_LONGEST * points.spacing)
-    uneven = SpaceNoise.of(rng, (frequency, frequency, frequency), _GAIN)
+    uneven = SpaceNoise.of(rng, octaves((frequency, frequency), _GAIN))
     uneven = uneven.at(points.position, 0, _OCTAVES)
     height = points.position[:, 2] + _WANDER * points.spacing * uneven
     downhill = _Downhill.of(points, graph, height)

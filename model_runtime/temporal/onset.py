@@ -14,9 +14,9 @@ equation |grad T| = slowness on a coarse grid (Godunov's upwind scheme, Rouy and
 octaves of noise roughen its borders down to a few texels. Arrival times are then replaced by their
 ranks, and the ranks by a pace, so that the same share of texels has started at a given time
 whatever the seed and the size. How it spreads is the process's own; its pace, its mottling and its
-scale are those of the source that a model learned from (`Timing`), where these are known. Where
-they are not, the pace is `PACE` for what spreads, and a gentler one for what the sun or the air
-does to a whole surface at once.
+scale, and how long and ragged its regions are, are those of the source that a model learned from
+(`Timing`), where these are known. Where they are not, the pace is `PACE` for what spreads, and a
+gentler one for what the sun or the air does to a whole surface at once.
 
 Everything is laid out in fractions of the tile's longer side and drawn per octave, so a small map
 is the large one seen from further away.
@@ -24,7 +24,9 @@ is the large one seen from further away.
 
 from __future__ import annotations
 
+import itertools
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,13 +35,15 @@ from numpy.typing import NDArray
 from .pace import Timing
 from .processes import Growth, Pace, growth_of, pace_of
 from .ranks import Ranking
+from .waves import Wave, octaves
 
-__all__ = ("fractal_noise", "onset_map", "rate_map")
+__all__ = ("arrivals", "fractal_noise", "onset_map", "rate_map")
 
 Array = NDArray[np.float32]
 
 _GRID = 192  # cells of the coarse growth grid along the longer side
 _LATE = 1e3  # an arrival time beyond any real one; finite, so that differences stay finite
+_MOST_CELLS = 1024  # of a wave, where there are no more texels
 _ROWS = 64  # of texels worked on at a time: what they need stays in the cache
 
 
@@ -68,9 +72,8 @@ def onset_map(
     growth = growth_of(process, timing)
     source = _Source(seed, zlib.crc32(process.encode()), height / max(shape), width / max(shape))
     arrival = _spline(_arrival(growth, source, process, tileable, worn), shape, tileable)
-    arrival += growth.raggedness * fractal_noise(
-        source.rng("border"), shape, cells=growth.grain, gain=growth.gain, tileable=tileable
-    )
+    border = _noise(source.rng("border"), shape, growth.waves(), tileable)
+    arrival += growth.raggedness * border
     pace = growth.pace if timing is None else pace_of(timing.onset)
     return _paced(arrival, pace, alike=0.0, worn=worn)
 
@@ -117,30 +120,42 @@ def fractal_noise(
     *,
     cells: tuple[float, float],
     gain: float = 0.5,
-    octaves: int | None = None,
+    count: int | None = None,
     tileable: bool = True,
 ) -> Array:
     """Sum of octaves of smooth noise, roughly -1 to 1 in the first octave: float32 [H, W].
 
     `cells` counts the first octave's noise cells (down, across) on a tile with a side of 1; each
     octave doubles them and multiplies the amplitude by `gain`. Octaves end at cells of one texel,
-    or after `octaves`. Coarse octaves are drawn first, so a larger map only adds detail.
+    or after `count` of them. Coarse octaves are drawn first, so a larger map only adds detail.
     """
-    height, width = shape
+    return _noise(rng, shape, itertools.islice(octaves(cells, gain), count), tileable)
+
+
+def _noise(
+    rng: np.random.Generator, shape: tuple[int, int], waves: Iterable[Wave], tileable: bool
+) -> Array:
+    """Sum of `waves`, ever finer, down to cells of a texel: float32 [H, W]."""
     longer = max(shape)
     total = np.zeros(shape, np.float32, order="F")  # as `_spline` has it
-    amplitude, scale = 1.0, 1.0
-    while octaves is None or octaves > 0:
-        rows = max(1, round(cells[0] * scale * height / longer))
-        columns = max(1, round(cells[1] * scale * width / longer))
-        octave = rng.spawn(1)[0]
-        if max(cells) * scale > longer and scale > 1.0:
+    for k, wave in enumerate(waves):
+        if max(wave.down, wave.across) > longer and k > 0:
             break
-        lattice = octave.uniform(-1.7, 1.7, (rows, columns))
-        total += np.float32(amplitude) * _spline(lattice, shape, tileable)
-        amplitude, scale = amplitude * gain, scale * 2.0
-        octaves = None if octaves is None else octaves - 1
+        rows, columns = (
+            max(1, min(round(cells * texels / longer), max(texels, _MOST_CELLS)))
+            for cells, texels in zip(wave[:2], shape, strict=True)
+        )
+        lattice = rng.spawn(1)[0].uniform(-1.7, 1.7, (rows, columns))
+        total += np.float32(wave.height) * _spline(lattice, shape, tileable)
     return total
+
+
+def arrivals(process: str, timing: Timing | None, *, seed: int) -> NDArray[np.float64]:
+    """When growth alone, its border not yet ragged, arrives at the cells of a square tile that
+    wraps: [G, G], in the time of a `Growth`.
+    """
+    source = _Source(seed, zlib.crc32(process.encode()), 1.0, 1.0)
+    return _arrival(growth_of(process, timing), source, process, True, None)
 
 
 def _spline(lattice: NDArray[np.floating], shape: tuple[int, int], tileable: bool) -> Array:
@@ -194,10 +209,10 @@ def _arrival(
     rows, columns = (max(8, round(_GRID * side)) for side in (source.height, source.width))
     shape = (rows, columns)
     patches = fractal_noise(
-        source.rng("patches"), shape, cells=growth.clusters, octaves=3, tileable=tileable
+        source.rng("patches"), shape, cells=growth.clusters, count=3, tileable=tileable
     )
     uneven = fractal_noise(
-        source.rng("slowness"), shape, cells=growth.grain, octaves=3, tileable=tileable
+        source.rng("slowness"), shape, cells=growth.grain, count=3, tileable=tileable
     )
 
     rng = source.rng("nuclei")

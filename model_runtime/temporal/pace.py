@@ -1,5 +1,5 @@
 """Statistics of when: at what times the texels of a source started, how fast they ran, and how
-large the regions are that start together. Small enough for a model's card.
+large, long and ragged the regions are that start together. Small enough for a model's card.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .waves import Wave, waves_from_json
 
 __all__ = ("Timing",)
 
@@ -25,11 +27,14 @@ class Timing:
     rate: quantiles of the rate, above 0 and at most 1, likewise
     scale: the distance, in units of a map's longer side, at which onsets are half as alike as one
         is to itself; None: that of the process's own pattern
+    waves: what roughens and stretches their regions, with cells to that distance and heights in
+        the time of a `Growth`; none: what the process itself does
     """
 
     onset: tuple[float, ...]
     rate: tuple[float, ...]
     scale: float | None
+    waves: tuple[Wave, ...] = ()
 
     @classmethod
     def of(
@@ -38,6 +43,7 @@ class Timing:
         rate: NDArray[np.floating] | float = 1.0,
         *,
         scale: float | None = None,
+        waves: tuple[Wave, ...] = (),
     ) -> Timing:
         """The statistics of maps of any shape; a number stands for a map that has it everywhere.
 
@@ -48,12 +54,14 @@ class Timing:
         def quantiles(values: NDArray[np.floating] | float) -> tuple[float, ...]:
             return tuple(np.quantile(values, shares).round(4).tolist())
 
-        return cls(quantiles(onset), quantiles(rate), None if scale is None else round(scale, 4))
+        size = None if scale is None else round(scale, 4)
+        kept = tuple(Wave(*(float(f"{each:.4g}") for each in wave)) for wave in waves)
+        return cls(quantiles(onset), quantiles(rate), size, kept)
 
     @classmethod
     def from_json(cls, value: Any) -> Timing:
         """What `json` gave. Raises ValueError for anything else, numbers out of range included."""
-        if not isinstance(value, dict) or set(value) != {"onset", "rate", "scale"}:
+        if not isinstance(value, dict) or set(value) - {"waves"} != {"onset", "rate", "scale"}:
             raise ValueError("timing does not hold onset, rate and scale")
         onset, rate = (_quantiles(value[name], name) for name in ("onset", "rate"))
         if rate[0] <= 0:
@@ -61,11 +69,13 @@ class Timing:
         scale = value["scale"]
         if scale is not None and not (_is_number(scale) and 0 < scale <= 1):
             raise ValueError("the scale of the timing is not between 0 and 1")
-        return cls(onset, rate, None if scale is None else float(scale))
+        waves = waves_from_json(value.get("waves", []))
+        return cls(onset, rate, None if scale is None else float(scale), waves)
 
     def json(self) -> dict[str, Any]:
         """For a card."""
-        return {"onset": list(self.onset), "rate": list(self.rate), "scale": self.scale}
+        told = {"onset": list(self.onset), "rate": list(self.rate), "scale": self.scale}
+        return {**told, "waves": [list(wave) for wave in self.waves]} if self.waves else told
 
     @property
     def at_once(self) -> bool:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from .pace import Timing
+from .waves import Wave, octaves, stretch_of
 
 __all__ = ("PACE", "Growth", "Pace", "growth_of", "pace_of")
 
@@ -41,6 +44,32 @@ class Growth:
     mottling: float  # log-amplitude by which histories run slower in places
     scale: float  # distance at which its onsets are half alike, where a tile holds many of them
     pace: Pace = PACE
+    border: tuple[
+        Wave, ...
+    ] = ()  # what roughens it, in units of raggedness; none: octaves of grain
+
+    def waves(self) -> Iterable[Wave]:
+        """Of the border noise, ever finer."""
+        return self.border or octaves(self.grain, self.gain)
+
+    def like(self, waves: tuple[Wave, ...]) -> Growth:
+        """The same process along the `waves` of a source and as ragged (see `Timing`)."""
+        if not waves:
+            return self
+        along = math.sqrt(stretch_of(waves))
+        speed = math.sqrt(self.across * math.sqrt(self.down * self.up))
+        lean = math.sqrt(self.down / self.up)
+        clusters, grain = (math.sqrt(down * across) for down, across in (self.clusters, self.grain))
+        return replace(
+            self,
+            clusters=(clusters / along, clusters * along),
+            across=speed / along,
+            down=speed * along * lean,
+            up=speed * along / lean,
+            grain=(grain / along, grain * along),
+            raggedness=1.0,
+            border=tuple(wave.scaled(1 / self.scale) for wave in waves),
+        )
 
     def zoomed(self, scale: float | None) -> Growth:
         """The same pattern, magnified until its onsets are half alike at the distance `scale`."""
@@ -55,6 +84,7 @@ class Growth:
             across=self.across * zoom,
             down=self.down * zoom,
             up=self.up * zoom,
+            border=tuple(wave.scaled(1 / zoom) for wave in self.border),
         )
 
 
@@ -154,9 +184,11 @@ _SPOTS = Growth(
 
 
 def growth_of(process: str, timing: Timing | None) -> Growth:
-    """How `process` spreads, at the scale of its `timing` where that is known; any name will do."""
+    """How `process` spreads, with the waves and at the scale of its `timing` where these are known;
+    any name will do.
+    """
     growth = _PROCESSES.get(process, _SPOTS)
-    return growth if timing is None else growth.zoomed(timing.scale)
+    return growth if timing is None else growth.like(timing.waves).zoomed(timing.scale)
 
 
 def pace_of(values: tuple[float, ...]) -> Pace:

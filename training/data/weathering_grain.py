@@ -62,7 +62,7 @@ def process_grain(process: str, mean: Array, *, seed: int = 0) -> Array:
         _unit(fractal_noise(rng, shape, cells=grain.cells, gain=grain.gain)) for _ in range(3)
     )
     if grain.cracks:
-        ridges = fractal_noise(rng, shape, cells=grain.cells, gain=0.45, octaves=3)
+        ridges = fractal_noise(rng, shape, cells=grain.cells, gain=0.45, count=3)
         cracks = -np.exp(-np.square(ridges / 0.12))
         light = _unit((1 - grain.cracks) * light + grain.cracks * 2 * cracks)
     tint = np.stack((hue, np.zeros_like(hue), -hue), -1)

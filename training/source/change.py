@@ -19,12 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model_runtime.channels import ALPHA_MIN
-from model_runtime.temporal.onset import onset_map, rate_map
+from model_runtime.temporal.onset import rate_map
 from model_runtime.temporal.pace import Timing
+from model_runtime.temporal.processes import PACE, growth_of
 
 from ..data.sequences import Sequence, uniform_times
 from ..data.weathering import initial_values
 from ..data.weathering_materials import KNOWN
+from .pattern import waves_of
 
 __all__ = ("Change", "kept_by", "sequence_of")
 
@@ -39,7 +41,9 @@ _OTHERS = 40  # and of the patchwork of materials that the process may meet
 _SOONER, _LATE, _CLOSER = 0.95, 0.745, 0.4
 """What starts last, closely one after the other, has time to weather as far as its source did."""
 
-_PATTERN = 128  # texels a side of the pattern that tells the statistics of the timing
+_STEADY = ((0.0, 0.02), (0.1, 0.10), (1.0, 0.93))
+_SHARES = 1025
+_PATTERN = 128  # texels a side of the pattern that tells the statistics of the rates
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,8 @@ class Change:
     residue: [S, S, 8] what weathered texels have beyond their mean, as a tile that wraps
     share: of a material tile's side that the residue's covers
     has_height: whether anything is known of its relief
+    weathered: [H, W] what of the source has weathered when half has, or when it was scanned; None:
+        nothing is known of its pattern
     scale: the length at which its onsets are half alike, in sides of a tile
     name: of the source
     told: sentences about what was found and what was assumed
@@ -69,6 +75,7 @@ class Change:
     share: float
     has_height: bool
     scale: float
+    weathered: NDArray[np.bool_] | None
     name: str
     told: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -111,7 +118,7 @@ def sequence_of(
         uniform_times(frames),
         np.zeros(size, np.float32),
         change.name,
-        timing=_timing(change.scale, process, seed),
+        timing=_timing(change, process, seed),
         warnings=change.warnings,
         height=height.astype(np.float32) if change.has_height else None,
         residue=change.residue,
@@ -130,9 +137,19 @@ def _weaker(change: Change, kept: float) -> float:
     return float(np.sqrt(np.clip(1 - own / whole, 0.25, 1)))
 
 
-def _timing(scale: float, process: str, seed: int) -> Timing:
-    shape = (_PATTERN, _PATTERN)
-    onset, rate = (pattern(process, shape, seed=seed) for pattern in (onset_map, rate_map))
+def _timing(change: Change, process: str, seed: int) -> Timing:
+    """The source's pattern and size; the pace of the process, or a steady one where it has none of
+    its own: one scan cannot tell.
+    """
+    pace = growth_of(process, None).pace
+    onset = np.interp(np.linspace(0, 1, _SHARES), *np.transpose(_STEADY if pace is PACE else pace))
     onset *= _SOONER
     onset -= _CLOSER * np.maximum(onset - _LATE, 0)
-    return Timing.of(onset, rate, scale=float(np.clip(scale, 0.01, 1)))
+    rate = rate_map(process, (_PATTERN, _PATTERN), seed=seed)
+    scale = float(np.clip(change.scale, 0.01, 1))
+    waves = (
+        ()
+        if change.weathered is None
+        else waves_of(change.weathered, scale=scale, process=process, seed=seed)
+    )
+    return Timing.of(onset, rate, scale=scale, waves=waves)

@@ -105,6 +105,7 @@ def change_of(
         share=side / max(maps.size),
         has_height=maps.has_height,
         scale=scan.scale,
+        weathered=scan.states.fine,
         name=maps.name,
         told=(*maps.told, scan.states.told),
     )

@@ -162,13 +162,14 @@ def _wraps(values: Array) -> Wraps:
     return found[0], found[1]
 
 
-def features(maps: ScanMaps) -> Array:
+def features(maps: ScanMaps, *, sharp: bool = False) -> Array:
     """What tells kinds of surface apart, in steps that look about alike: lightness, twice
-    chroma, roughness and metalness of a texel and those around it, [H, W, 5].
+    chroma, roughness and metalness of a texel and, unless `sharp`, those around it, [H, W, 5].
     """
     values = maps.values
     color = np.maximum(values[..., :3] + values[..., 3:6], 0)
     lab = np.cbrt(color @ _TO_CONES.T) @ _TO_LAB.T
     lab[..., 1:] *= _CHROMA
     rest = (_ROUGH * values[..., ROUGHNESS], _METAL * maps.metal)
-    return smoothed(np.concatenate((lab, np.stack(rest, -1)), -1), _SMOOTH, maps.wraps)
+    told = np.concatenate((lab, np.stack(rest, -1)), -1)
+    return told if sharp else smoothed(told, _SMOOTH, maps.wraps)

@@ -121,6 +121,7 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
         share=min(1.0, _RELATIVE * side / 256),
         has_height=False,
         scale=(None if onset is None else correlation_length(onset)) or 0.15,
+        weathered=None if onset is None else onset < np.median(onset),
         name=lapse.name,
         told=_told(lapse, kind),
         warnings=lapse.warnings,

@@ -32,11 +32,13 @@ _HINT = "Give a material that is weathered in places and clean in others, or a -
 
 @dataclass(frozen=True)
 class TwoStates:
-    """weathered: [H, W]; told: in a sentence, by what; parts: [n, 5] features of some texels and
-    which of them are weathered [n], for charts.
+    """weathered: [H, W]; fine: the same of each texel by itself, whatever those around it are
+    told: in a sentence, by what; sampled: [n, 5] features of some texels and which of them are
+    weathered [n], for charts.
     """
 
     weathered: Mask
+    fine: Mask
     told: str
     sampled: tuple[Array, Mask]
 
@@ -50,9 +52,8 @@ def masked(maps: ScanMaps, mask: Path) -> TwoStates:
             f"The mask {'covers all' if share > 0.5 else 'leaves nothing'} of {maps.name}.",
             "Paint what is weathered white, and leave what is clean black.",
         )
-    return TwoStates(
-        weathered, "The mask says what is weathered.", _some(features(maps), weathered)
-    )
+    seen = _some(features(maps), weathered)
+    return TwoStates(weathered, weathered, "The mask says what is weathered.", seen)
 
 
 def two_states(maps: ScanMaps, process: str = "") -> TwoStates:
@@ -65,7 +66,9 @@ def two_states(maps: ScanMaps, process: str = "") -> TwoStates:
     seen = features(maps)
     centers = _centers(seen[::2, ::2].reshape(-1, seen.shape[-1]))
     way = centers[1] - centers[0]
-    second = (seen - centers.mean(0)) @ way > 0
+    second, apiece = (
+        (each - centers.mean(0)) @ way > 0 for each in (seen, features(maps, sharp=True))
+    )
     apart = float(np.linalg.norm(way))
     if apart < _APART:
         raise _none(maps, "its texels are of one kind")
@@ -80,8 +83,8 @@ def two_states(maps: ScanMaps, process: str = "") -> TwoStates:
     metal = float(maps.metal[~second].mean() - maps.metal[second].mean())
     first, other = (maps.values[some].mean(0) for some in (~second, second))
     first_weathers, told = _weathered(first, other, metal, process)
-    weathered = ~second if first_weathers else second
-    return TwoStates(weathered, told, _some(seen, weathered))
+    weathered, apiece = (~second, ~apiece) if first_weathers else (second, apiece)
+    return TwoStates(weathered, apiece, told, _some(seen, weathered))
 
 
 def _none(maps: ScanMaps, why: str) -> InputError:
