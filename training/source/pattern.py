@@ -31,7 +31,8 @@ _MOST = 16  # waves; what more would add is not seen
 _FAINTEST = 1e-3  # share of the whole
 _NEAR = 0.05  # errors count by how unalike places that far from each other are, and by this more
 _FAR = 50.0  # texels from which on they count half
-_GROWTH = 0.25  # share of growth in the field
+_GROWTH = (0.08, 0.25)  # share of growth in the field, at least and at most:
+_ROOM = 0.5  # at no distance more than this of what sets two places apart
 _SMOOTH = 0.75  # alike by exp(-0.75 d^2) at d cells: what a spline through random values is
 _DEVIATION = 0.47  # of a wave of height 1
 _STEPS = 20_000
@@ -52,9 +53,11 @@ def waves_of(weathered: Mask, *, scale: float, process: str, seed: int = 0) -> t
     first = _fitted(alike, alike, lags / side)
     timing = Timing.of(0.0, scale=scale, waves=_sized(first, scale))
     growth = arrivals(process, timing, seed=seed)
-    rest = alike - _GROWTH * _correlation_of(growth, lags / side)
-    waves = _fitted(rest, alike, lags / side)
-    height = growth.std() / math.sqrt(_GROWTH) / _DEVIATION
+    grown = _correlation_of(growth, lags / side)
+    room = ((1 - alike) / np.maximum(1 - grown, 1e-9)).ravel()[1:].min()
+    share = float(np.clip(_ROOM * room, *_GROWTH))
+    waves = _fitted(alike - share * grown, alike, lags / side)
+    height = growth.std() / math.sqrt(share) / _DEVIATION
     return _sized([wave._replace(height=height * wave.height) for wave in waves], scale)
 
 
