@@ -88,6 +88,7 @@ def grow(
 
     apart = 1 / np.sqrt(growth.nuclei)
     usual = apart / growth.across + 0.5 * (growth.cluster_delay + growth.birth_spread)
+    usual += growth.wandering
     seed = int(chance.rng("nuclei").integers(1 << 62))
     late = random_numbers(points.key, seed)
     race = -np.log(random_numbers(points.key, seed + 1)) / points.area

@@ -52,6 +52,11 @@ class Growth:
         """Of the border noise, ever finer."""
         return self.border or octaves(self.grain, self.gain)
 
+    @property
+    def wandering(self) -> float:
+        """How far, in time, a border that was learned wanders: what is to come first outruns it."""
+        return 0.5 * self.raggedness * math.hypot(*(wave.height for wave in self.border))
+
     def like(self, waves: tuple[Wave, ...]) -> Growth:
         """The same process along the `waves` of a source and as ragged (see `Timing`)."""
         if not waves:
