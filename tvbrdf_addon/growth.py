@@ -85,9 +85,9 @@ def growth(
     if maps.folder is None:
         if apart and reading.uniform and maps.notes:
             raise MaterialError(maps.notes[-1])
-        return Growth(notes=(*maps.notes, *lost))
+        return Growth(notes=(*lost, *maps.notes))
     if maps.own is not None and not apart:
-        return Growth(notes=(_IN_FRAMES, *lost), seconds=maps.seconds)
+        return Growth(notes=(*lost, _IN_FRAMES), seconds=maps.seconds)
     fields: dict[str, Any] = {"surface": str(maps.folder)}
     if maps.own is not None:
         fields["timing_apart"] = True

@@ -66,7 +66,9 @@ def correlations(atlas: Atlas, size: int) -> Iterator[str]:
 
 
 def connected(atlas: Atlas, size: int) -> float:
-    """The share of what has turned by half time that hangs together with where it began."""
+    """The share of what has turned by half time that hangs together with where it began: with the
+    first 6 %. Spots that appear later, as pits go on to do, count as apart.
+    """
     points = sample(atlas)
     graph = join(points)
     rows, columns = ((np.arange(n) * 2 + 1) * size // (2 * n) for n in atlas.size)

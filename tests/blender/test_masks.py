@@ -249,6 +249,28 @@ def test_the_active_attribute_is_taken_at_first():
     assert material.tvbrdf.mask_attribute == "Mine"
 
 
+@pytest.mark.parametrize("make", [tiled, None])
+def test_a_mask_that_finds_no_surface_is_said_before_why(tmp_path, make):
+    """In frames, where a tile has no texels of its own, and on text."""
+    from tvbrdf.tvbrdf_addon.growth import growth
+    from tvbrdf.tvbrdf_addon.material.reading.read import Reading
+
+    material = new_material()
+    if make is None:
+        bpy.ops.object.text_add()
+        bpy.context.object.data.materials.append(material)
+    else:
+        make(material)
+    settings = material.tvbrdf
+    settings.mask_source, settings.mask_image = "image", white_on_the_right()
+    request = {"onset": "auto", "binding": "frames"}
+    reading = Reading((8, 8), None, False, "", ())
+    found = growth(request, material, bpy.context.scene, reading, 1)
+    assert found.fields == {}
+    assert "where the mask lies" in found.notes[0]
+    assert len(found.notes) == 2
+
+
 def test_what_is_never_stays_as_it_is_and_age_again_and_undo_keep_to_it(tmp_path, monkeypatch):
     """By the worker: painted white, a half never ages, wherever it lies in a repeated UV map."""
     from tvbrdf.tvbrdf_addon.material.reading.pixels import read_exr
