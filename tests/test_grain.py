@@ -86,6 +86,18 @@ def test_so_do_tiles_of_any_shape(grain: Grain, size: tuple[int, int]):
             assert np.abs(found.take(0, axis) - found.take(-1, axis)).mean() < 1.4 * step
 
 
+@pytest.mark.parametrize("count", [1, 2, 5, 6])
+def test_a_component_is_the_same_whatever_is_beside_it(
+    grain: Grain, tile: NDArray[np.float32], count: int
+):
+    some = np.arange(count) % 3
+    other = Grain(grain.tile[some], grain.table[some], grain.shapes[:, some], grain.share)
+    assert np.array_equal(other.in_tile(SIZE, 1), tile.reshape(-1, 3)[:, some])
+    places = sphere(4000, 0.3)
+    found, known = (each.on_surface(*places, 0.5, 1) for each in (other, grain))
+    assert np.array_equal(found, known[:, some])
+
+
 def test_nothing_repeats(grain: Grain, tile: NDArray[np.float32]):
     period = 512  # texels of the example's tile
     shifts = [(0, period), (period, 0), (period, period), (0, 300), (211, 400)]

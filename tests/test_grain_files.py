@@ -74,6 +74,12 @@ TENSORS: dict[str, dict[str, torch.Tensor | None]] = {
     "a tile of floats": {"grain.tile": torch.zeros(3, 8, 8)},
     "a tile of integers": {"grain.tile": torch.zeros(3, 8, 8, dtype=torch.int8)},
     "a tile of one component": {"grain.tile": torch.zeros(1, 8, 8, dtype=torch.uint8)},
+    "a tile of no component": {"grain.tile": torch.zeros(0, 8, 8, dtype=torch.uint8)},
+    "a tile of seven components": {
+        "grain.tile": torch.zeros(7, 8, 8, dtype=torch.uint8),
+        "grain.table": torch.zeros(7, 256),
+        "grain.shapes": torch.zeros(36, 7, 8),
+    },
     "a tile that is no square": {"grain.tile": torch.zeros(3, 8, 9, dtype=torch.uint8)},
     "an empty tile": {"grain.tile": torch.zeros(3, 0, 0, dtype=torch.uint8)},
     "a flat tile": {"grain.tile": torch.zeros(3, dtype=torch.uint8)},

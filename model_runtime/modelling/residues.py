@@ -44,7 +44,7 @@ class Residues:
         worn: Tensor | None = None,
         specular: Specular = "rgb",
     ) -> Residues | None:
-        """Those of a model whose grain has these `components` [3, n] halves in each texel; None
+        """Those of a model whose grain has these `components` [K, n] halves in each texel; None
         where it adds nothing.
 
         What is `worn` already, [n] from 0 to 1, has grain and relief of its own. With `specular`

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..temporal.grain import COMPONENTS, Grain
+from ..temporal.grain import Grain
 from ..temporal.processes import growth_of
 from .atlas import Atlas
 from .growth import usual_unit
@@ -35,13 +35,13 @@ def tile_side(
 def lay_grain(
     grain: Grain, atlas: Atlas, size: tuple[int, int], *, side: float, seed: int
 ) -> NDArray[np.float16]:
-    """Components [3, H W] of a map of `size` of the surface that `atlas` shows, where the grain's
+    """Components [K, H W] of a map of `size` of the surface that `atlas` shows, where the grain's
     tile has a `side` in meters; what no face covers has those of the nearest texel.
     """
     covered = atlas.covered_at(size)
     texel = atlas.spacing_at(size)
     normal = atlas.normal.reshape(-1, 3)
-    components = np.zeros((COMPONENTS, covered.size), np.float16)
+    components = np.zeros((len(grain.tile), covered.size), np.float16)
     step = max(1, _CHUNK // size[1])
     chunks = [range(row, min(row + step, size[0])) for row in range(0, size[0], step)]
     for rows in chunks:

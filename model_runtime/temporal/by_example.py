@@ -39,7 +39,7 @@ _WORKERS = 2
 
 @dataclass(frozen=True)
 class Example:
-    """A tile as it is looked up: components [3, S, S], bytes for -4 to 4, with tables [3, 256]."""
+    """A tile as it is looked up: components [K, S, S], bytes for -4 to 4, with tables [K, 256]."""
 
     tile: NDArray[np.uint8]
     table: Array
@@ -51,23 +51,24 @@ class Example:
         the mean over what is lost.
         """
         side = min(side, _LARGEST_SIDE)
-        packed, tables = np.zeros((side, side), np.uint32), []
+        word = np.uint32 if len(self.tile) <= 4 else np.uint64
+        packed, tables = np.zeros((side, side), word), []
         for component, (bytes_, table) in enumerate(zip(self.tile, self.table, strict=True)):
             gaussian = _resampled(bytes_ * (2 * GAUSSIAN / 255) - GAUSSIAN, side)
             deviation = min(max(float(gaussian.std()), 1e-6), 1.0)
             levels = np.rint((gaussian / deviation + GAUSSIAN) * (255 / (2 * GAUSSIAN)))
-            packed |= levels.clip(0, 255).astype(np.uint32) << np.uint32(8 * component)
+            packed |= levels.clip(0, 255).astype(word) << word(8 * component)
             tables.append(_mean_over_lost(table, deviation))
         return Lookup(packed.reshape(-1), side, np.stack(tables))
 
 
 @dataclass(frozen=True)
 class Lookup:
-    """A tile of `side` texels [S S], a byte a component, and tables [3, 4096] of values at
+    """A tile of `side` texels [S S], a byte a component, and tables [K, 4096] of values at
     Gaussian -4 to 4.
     """
 
-    texels: Whole
+    texels: NDArray[np.unsignedinteger]
     side: int
     table: Array
 
@@ -78,10 +79,11 @@ class Lookup:
         side = np.uint32(self.side)
         sums = [np.zeros(x.shape, np.float32) for _ in self.table]
         square = np.zeros(x.shape, np.float32)
+        word = self.texels.dtype.type
         for right, down, weight in corners:
             found = self.texels.take(_wrapped(y + down, side) * side + _wrapped(x + right, side))
             for component, total in enumerate(sums):
-                level = ((found >> np.uint32(8 * component)) & np.uint32(255)).astype(np.float32)
+                level = (found >> word(8 * component)).astype(np.uint8).astype(np.float32)
                 level -= 127.5
                 level *= weight
                 total += level
@@ -92,7 +94,7 @@ class Lookup:
         return sums
 
     def put(self, gaussian: list[Array], values: Halves) -> None:
-        """The components' `values` [3, n] where they are `gaussian` [n]."""
+        """The components' `values` [K, n] where they are `gaussian` [n]."""
         for level, table, value in zip(gaussian, self.table, values, strict=True):
             level += GAUSSIAN
             level *= (_FINE - 1) / (2 * GAUSSIAN)
@@ -101,7 +103,7 @@ class Lookup:
 
 
 def in_tile(example: Example, size: tuple[int, int], share: float, seed: int) -> Halves:
-    """Components [3, H W] of a map of `size` that wraps, of whose longer side the example covers a
+    """Components [K, H W] of a map of `size` that wraps, of whose longer side the example covers a
     `share`.
     """
     height, width = size
@@ -137,7 +139,7 @@ def in_tile(example: Example, size: tuple[int, int], share: float, seed: int) ->
 def on_surface(
     example: Example, position: Array, normal: Array, side: float, seed: int, *, texel: float
 ) -> Halves:
-    """Components [3, n] at positions [n, 3] with unit normals [n, 3], where the example's side has
+    """Components [K, n] at positions [n, 3] with unit normals [n, 3], where the example's side has
     the length `side` and texels are `texel` apart.
     """
     lookup = example.seen(max(1, round(side / texel)))

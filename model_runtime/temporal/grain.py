@@ -1,7 +1,7 @@
 """What texels have beyond their mean history: a by-example texture of what weathered.
 
 A source's texels differ from their mean by residues. Those of fully weathered ones, as a tile of
-three components, are an example from which more of the like is drawn (Heitz and Neyret 2018,
+some components, are an example from which more of the like is drawn (Heitz and Neyret 2018,
 "High-Performance By-Example Noise using a Histogram-Preserving Blending Operator"). How strong a
 component is at which age, in which channels, its shapes say.
 """
@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from ..channels import WIDTH
 from . import by_example
 
-__all__ = ("COMPONENTS", "MOST_TEXELS", "Grain", "share_of")
+__all__ = ("MOST_COMPONENTS", "MOST_TEXELS", "Grain", "share_of")
 
 Array = NDArray[np.float32]
 Halves = NDArray[np.float16]
 
-COMPONENTS = 3
+MOST_COMPONENTS = 6
+"""A live material shows them as coefficients, of which it has twelve."""
+
 MOST_TEXELS = 1024
 """The largest side of a grain's tile."""
 
@@ -33,13 +35,13 @@ _LARGEST = {"table": 200.0, "shapes": 10.0}  # unit variance allows no more; ref
 
 @dataclass(frozen=True)
 class Grain:
-    """An example of what texels have beyond their mean history, in three components.
+    """An example of what texels have beyond their mean history, in K components, at most 6.
 
-    tile: [3, S, S] uint8, S at most 1024, which wraps: 0 to 255 stand for Gaussian values -4 to 4,
+    tile: [K, S, S] uint8, S at most 1024, which wraps: 0 to 255 stand for Gaussian values -4 to 4,
         of zero mean and unit variance
-    table: [3, 256], rising: what a component is where its Gaussian value is -4 to 4, evenly
+    table: [K, 256], rising: what a component is where its Gaussian value is -4 to 4, evenly
         spaced, g of zero mean and unit variance
-    shapes: [T, 3, 8]: what a component of 1 adds at each of T ages from 0 to 1 to kd, ks, r =
+    shapes: [T, K, 8]: what a component of 1 adds at each of T ages from 0 to 1 to kd, ks, r =
         sqrt(alpha) and height (in sides of the tile); 0 at age 0
     share: which share of a material tile's side this one covers, above 0 and at most 1
 
@@ -52,16 +54,16 @@ class Grain:
     share: float
 
     def __post_init__(self) -> None:
-        side = self.tile.shape[-1] if self.tile.ndim else 0
+        count, side = (self.tile.shape[place] if self.tile.ndim else 0 for place in (0, -1))
         if (
             self.tile.dtype != np.uint8
-            or self.tile.shape != (COMPONENTS, side, side)
-            or not 1 <= side <= MOST_TEXELS
+            or self.tile.shape != (count, side, side)
+            or not (1 <= count <= MOST_COMPONENTS and 1 <= side <= MOST_TEXELS)
         ):
             raise ValueError("the grain's tile is no square of bytes")
-        if self.table.shape != (COMPONENTS, _LEVELS) or bool((np.diff(self.table) < 0).any()):
+        if self.table.shape != (count, _LEVELS) or bool((np.diff(self.table) < 0).any()):
             raise ValueError("the grain's tables do not rise")
-        if self.shapes.shape[1:] != (COMPONENTS, WIDTH + 1) or bool(self.shapes[:1].any()):
+        if self.shapes.shape[1:] != (count, WIDTH + 1) or bool(self.shapes[:1].any()):
             raise ValueError("the grain's shapes do not start from nothing")
         for name, largest in _LARGEST.items():
             values = getattr(self, name)
@@ -80,7 +82,7 @@ class Grain:
         return cls(arrays["grain.tile"], arrays["grain.table"], arrays["grain.shapes"], share)
 
     def in_tile(self, size: tuple[int, int], seed: int) -> Halves:
-        """Components [H W, 3] of a map of `size` that wraps, a material tile to its longer side.
+        """Components [H W, K] of a map of `size` that wraps, a material tile to its longer side.
 
         A small map is the large one seen from further away; the same arguments give the same map.
         """
@@ -89,7 +91,7 @@ class Grain:
     def on_surface(
         self, position: Array, normal: Array, side: float, seed: int, *, texel: float | None = None
     ) -> Halves:
-        """Components [n, 3] at places of a surface: positions [n, 3] in meters, unit normals
+        """Components [n, K] at places of a surface: positions [n, 3] in meters, unit normals
         [n, 3], where this tile's side has the length `side` and texels are `texel` meters apart, by
         default as far as the tile's.
 

@@ -1,7 +1,7 @@
 """Grain from an example: what a source's weathered texels have beyond their mean, as components.
 
-A residue [S, S, 8] is decorrelated in steps that look about alike, its three strongest components
-are brought to a Gaussian histogram by their ranks (so that patches of them can be blended), and a
+A residue [S, S, 8] is decorrelated in steps that look about alike, its strongest components are
+brought to a Gaussian histogram by their ranks (so that patches of them can be blended), and a
 table each leads back. What a component adds to a texel grows with its age as the source's texels
 come to differ.
 """
@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from model_runtime.temporal.grain import COMPONENTS, Grain
+from model_runtime.temporal.grain import MOST_COMPONENTS, Grain
 from model_runtime.temporal.models import Affine
 
 from ..data.sequences import Sequence
@@ -29,6 +29,7 @@ _LEVELS = 256
 _GAUSSIAN = 4.0
 _DARKEST = 0.004  # reflectance from which on the eye's steps are counted
 _HEIGHT = 0.5  # how much the relief counts among what is seen
+_LEFT_OUT = 0.003  # share of what is seen that may be missing
 _BEYOND = 0.001  # share of texels at each end of a channel that count as the last before them
 _FINE = 4096
 
@@ -44,12 +45,14 @@ def grain_of(residue: Array, mean: Array, strength: Array, share: float) -> Grai
     flat -= flat.mean(0)
     weight = _weights(flat, mean)
     values, axes = np.linalg.eigh(np.cov((flat * weight).T))
-    axes = axes[:, ::-1][:, :COMPONENTS]
-    deviation = np.sqrt(np.maximum(values[::-1][:COMPONENTS], 0))
+    values = np.maximum(values[::-1], 0)
+    missing = values.sum() - np.cumsum(values)
+    count = min(int((missing > _LEFT_OUT * values.sum()).sum()) + 1, MOST_COMPONENTS)
+    axes, deviation = axes[:, ::-1][:, :count], np.sqrt(values[:count])
     tile, table = zip(*map(_gaussian, ((flat * weight) @ axes).T), strict=True)
-    shapes = (deviation * axes).T / weight  # [3, 8]
+    shapes = (deviation * axes).T / weight  # [K, 8]
     return Grain(
-        np.stack(tile).reshape(COMPONENTS, side, side),
+        np.stack(tile).reshape(count, side, side),
         np.stack(table),
         (strength[:, None, None] * shapes).astype(np.float32),
         share,

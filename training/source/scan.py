@@ -30,7 +30,7 @@ AGES = 64
 """Ages that a scan's history is told at: enough for a lip of lifted paint."""
 
 _TILE = 512  # texels a side of a residue's tile, at the scan's own resolution
-_DEEP = (0.93, 1.6)  # share of the way, and texels from the border: weathered for good
+_DEEP = (0.8, 1.6)  # share of the way, and texels from the border: past its blur
 _SHALLOW = 0.6  # share likewise, where little is deeper
 _LEAST_DEEP = 2_000  # texels
 _FORM = 16.0  # texels; a residue's height holds no larger waves
@@ -84,15 +84,17 @@ def change_of(
     gone = curves.share_at(distance)
     gone = (gone - gone[0]) / max(float(gone[-1] - gone[0]), 1e-6)
     mean = curves.mean_at(distance)
-    # at both ends what is farthest away, where there are the most texels
+    residue = _weathered(scan, side, seed)
+    end = np.append(residue[..., :HEIGHT].mean((0, 1)), curves.weathered[HEIGHT])
+    residue -= residue.mean((0, 1))
+    step(1.0)
+    # It begins as what is farthest from the border, and ends as what the tile shows on average.
     before = (distance.clip(max=0) / curves.first)[:, None]
     after = (distance.clip(min=0) / curves.last)[:, None]
-    mean += before * (curves.clean - mean[0]) + after * (curves.weathered - mean[-1])
-    mean += gone[:, None] * (ages[:, None] - 0.5) * curves.drift
+    mean += before * (curves.clean - mean[0]) + after * (end - mean[-1])
+    mean += gone[:, None] * (ages[:, None] - 1) * (curves.drift / 2)
     mean[:, HEIGHT] -= mean[0, HEIGHT]
     mean[:, HEIGHT] /= side
-    residue = _residue(scan, side, seed)
-    step(1.0)
     clean = maps.values[scan.distance < min(curves.first, -1.0)]
     if len(clean) == 0:
         clean = maps.values[~scan.states.weathered]
@@ -111,18 +113,20 @@ def change_of(
     )
 
 
-def _residue(scan: Scan, side: int, seed: int) -> Array:
-    """A tile [side, side, 8] of what weathered texels have beyond the mean at their distance."""
+def _weathered(scan: Scan, side: int, seed: int) -> Array:
+    """A tile [side, side, 8] of weathered texels as they are, of whose height (in sides) only what
+    is no form. Flecks and what varies toward the border are part of how they look.
+    """
     curves, maps = scan.curves, scan.maps
-    residue = maps.values - curves.mean_at(scan.distance)
-    residue[..., HEIGHT] -= smoothed(residue[..., HEIGHT], _FORM, maps.wraps)
+    values = maps.values.copy()
+    values[..., HEIGHT] -= curves.mean_at(scan.distance)[..., HEIGHT]
+    values[..., HEIGHT] -= smoothed(values[..., HEIGHT], _FORM, maps.wraps)
     share, depth = _DEEP
     gone = curves.share_at(scan.distance)
     deep = (gone > share) & (scan.distance > depth)
     if deep.sum() < _LEAST_DEEP:
         deep = (gone > _SHALLOW) & (scan.distance > 0)
-    tile = quilted(residue, deep, maps.wraps, side, seed)
-    tile -= tile.mean((0, 1))
+    tile = quilted(values, deep, maps.wraps, side, seed)
     tile[..., HEIGHT] /= side
     return tile
 

@@ -27,7 +27,7 @@ from .targets import HalvedScan
 
 __all__ = ("Aging", "Learned", "Source", "nearest_in_mean")
 
-_VERSION = "2"
+_VERSION = "3"
 
 
 @dataclass(frozen=True)

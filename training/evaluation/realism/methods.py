@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from model_runtime.brdf import principled
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
-from model_runtime.contract import EVERYWHERE, FRAMES, PRINCIPLED, AgeRequest, frame_file
+from model_runtime.contract import FRAMES, PRINCIPLED, AgeRequest, frame_file
 from model_runtime.images import read_image, write_exr
 from model_runtime.maps import PrincipledMaps, TorranceSparrowMaps
 from model_runtime.modelling.palette import build_palette
@@ -74,7 +74,9 @@ def ours(clean: PrincipledMaps, ntm: str, times: int, size: int) -> Aged:
             if "height" in report["files"]:
                 height = read_image(output / frame_file("height", k), color=False)
                 heights.append(height[:size, :size])
-        at_once = replace(request, output=Path(folder) / "at_once", frames=2, onset=EVERYWHERE)
+        early = Path(folder) / "early.exr"  # so that at the end all is as old as it can be
+        write_exr(early, np.zeros(clean.size, np.float32))
+        at_once = replace(request, output=Path(folder) / "at_once", frames=2, onset=str(early))
         age_silently(at_once)
         end = read_image(at_once.output / frame_file("base_color", 1), color=True)
     raised = np.stack(heights) if heights else None
