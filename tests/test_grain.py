@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from model_runtime.surface.laying import lay_grain
 from model_runtime.temporal.grain import Grain
-from tests import grained_model
+from tests import grained_model, meshes
+from tests.meshes import atlas_of
 
 SIZE = (1024, 1024)
 
@@ -194,3 +196,19 @@ def test_how_long_it_takes(grain: Grain, record_property: Any):
     start = time.perf_counter()
     grain.on_surface(position, normal, 1.4, 1)
     record_property("surface_seconds", round(time.perf_counter() - start, 3))
+
+
+def test_grain_that_was_laid_before_is_never_another_s(grain: Grain):
+    ball = atlas_of(meshes.ball((0, 0, 0), 0.5), 64)
+    first = lay_grain(grain, ball, (64, 64), side=1.0, seed=1)
+    before = first.copy()
+    first *= 0  # what was handed out is its owner's
+    others = (
+        lay_grain(grain, ball, (64, 64), side=1.0, seed=2),
+        lay_grain(grain, ball, (64, 64), side=0.5, seed=1),
+        lay_grain(grained_model.grain(9, side=512), ball, (64, 64), side=1.0, seed=1),
+        lay_grain(grain, atlas_of(meshes.ball((0, 0, 0), 0.7), 64), (64, 64), side=1.0, seed=1),
+    )
+    assert len({before.tobytes(), *(each.tobytes() for each in others)}) == 5
+    again = grained_model.grain(8, side=512)  # read anew
+    np.testing.assert_array_equal(lay_grain(again, ball, (64, 64), side=1.0, seed=1), before)

@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from ..reading.coverage import nearest_covered
 from ..resampling import any_within
 
-__all__ = ("Atlas", "Places")
+__all__ = ("MOST_KEPT", "Atlas", "Places")
 
 Array = NDArray[np.float32]
+
+MOST_KEPT = 1 << 22
+"""Texels of maps that are kept for the next run, at most."""
 
 _BEYOND = 1.5  # texels that a place may lie from the baked texel that it follows from
 _ANOTHER_ISLAND = 3.0  # times the step on the other side: a step of position to another island

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..temporal.grain import Grain
 from ..temporal.processes import growth_of
-from .atlas import Atlas
+from .atlas import MOST_KEPT, Atlas
 from .growth import usual_unit
 
 __all__ = ("lay_grain", "tile_side")
@@ -38,6 +41,26 @@ def lay_grain(
     """Components [K, H W] of a map of `size` of the surface that `atlas` shows, where the grain's
     tile has a `side` in meters; what no face covers has those of the nearest texel.
     """
+    example = _Example(grain.tile.tobytes(), grain.table.tobytes(), grain)
+    if size[0] * size[1] > MOST_KEPT:
+        return _laid.__wrapped__(example, atlas, size, side, seed)
+    return _laid(example, atlas, size, side, seed).copy()  # what is kept is nobody's to change
+
+
+@dataclass(frozen=True)
+class _Example:
+    """A grain by what its components follow from."""
+
+    tile: bytes
+    table: bytes
+    grain: Grain = field(compare=False)
+
+
+@lru_cache(maxsize=1)
+def _laid(
+    example: _Example, atlas: Atlas, size: tuple[int, int], side: float, seed: int
+) -> NDArray[np.float16]:
+    """The components; the last are kept, as when texels start changes more often."""
     covered = atlas.covered_at(size)
     texel = atlas.spacing_at(size)
     normal = atlas.normal.reshape(-1, 3)
@@ -47,7 +70,7 @@ def lay_grain(
     for rows in chunks:
         places = atlas.places(covered, rows)
         facing = normal.take(places.baked, 0)
-        found = grain.on_surface(places.position, facing, side, seed, texel=texel)
+        found = example.grain.on_surface(places.position, facing, side, seed, texel=texel)
         components[:, places.texel] = found.T
     for rows in chunks:
         beside, source = atlas.beside(covered, rows)

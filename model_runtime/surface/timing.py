@@ -15,7 +15,7 @@ from ..temporal.pace import Timing
 from ..temporal.processes import Growth, pace_of
 from ..temporal.ranks import Ranking
 from .arrivals import Asked, Waves, waves_of
-from .atlas import Atlas
+from .atlas import MOST_KEPT, Atlas
 from .exposure import BLOCKED, WEAR, Exposure
 from .seams import Seen
 
@@ -25,7 +25,6 @@ Array = NDArray[np.float32]
 
 _CHUNK = 1 << 16  # texels of a step
 _WORKERS = 2
-_MOST_KEPT = 1 << 22  # texels of a timing
 _WHITE = 0.999  # of what blocks: such texels never start
 _STAINS = (0.0, 0.1)
 _LEAST = np.float32(1e-3)
@@ -114,7 +113,7 @@ def surface_timing(
     marked = tuple((name, each.tobytes()) for name, each in sorted((marks or {}).items()))
     places = tuple(starts)
     asked = Asked(process, seed, exposure, timing, pattern_size, amount, places, marked)
-    small = size[0] * size[1] <= _MOST_KEPT
+    small = size[0] * size[1] <= MOST_KEPT
     found = (_timed if small else _timed.__wrapped__)(atlas, asked, size, tuple(stains))
     # What is kept is nobody's to change.
     return replace(found, onset=found.onset.copy(), rate=found.rate.copy()) if small else found
