@@ -64,7 +64,7 @@ def _laid(
     covered = atlas.covered_at(size)
     texel = atlas.spacing_at(size)
     normal = atlas.normal.reshape(-1, 3)
-    components = np.zeros((len(grain.tile), covered.size), np.float16)
+    components = np.zeros((len(example.grain.tile), covered.size), np.float16)
     step = max(1, _CHUNK // size[1])
     chunks = [range(row, min(row + step, size[0])) for row in range(0, size[0], step)]
     for rows in chunks:
