@@ -18,6 +18,9 @@ WHEELS ?= build/wheels
 # Blender versions that `make test-blenders` tries besides the one in requirements-blender.txt.
 BLENDERS ?= 4.2.23 5.0.1
 PYTEST_ARGS ?=
+# What `age` promises, tried without torch too.
+AGING = $(patsubst %,tests/test_%.py,age age_models cli coverage grain_files grained_runs \
+    look model_files output serve surface_age timing_apart wear)
 
 # pyright would ask PyPI each time whether there is a newer one.
 export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1
@@ -76,6 +79,7 @@ test: $(READY)
 	.venv/bin/python -m ruff format --check .
 	.venv/bin/python -m pyright
 	.venv/bin/python -m pytest -m "not blenders" $(PYTEST_ARGS)
+	TVBRDF_BACKEND=numpy .venv/bin/python -m pytest $(AGING)
 
 test-blenders: $(READY) $(foreach version,$(BLENDERS),.venv-blender-$(version)/ready)
 	TVBRDF_BLENDERS="$(BLENDERS)" .venv/bin/python -m pytest -m blenders $(PYTEST_ARGS)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import __version__
+from .backend import NAME
 from .contract import FRAMES, LIVE, METERS, OF_TEXTURE, AgeRequest, Format, option
 from .live.fitting import Fitted
 from .memory import peak_rss_mb
@@ -53,6 +54,7 @@ def account_of(
         "quality": request.quality,
         "temporal_model": rung,
         "device": modeled.histories.device,
+        "backend": NAME,
         "palette": len(modeled.palette.entries),
         "plan": savings(
             texels=len(modeled.initial),

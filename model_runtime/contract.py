@@ -15,6 +15,7 @@ from typing import Any, Final, Literal, NamedTuple
 __all__ = (
     "AFFINE",
     "AUTO",
+    "BACKEND",
     "BALANCED",
     "BINDINGS",
     "CHOICES",
@@ -42,6 +43,8 @@ __all__ = (
     "LSTM_PARAMETERS",
     "METERS",
     "MOST_DB",
+    "NEEDS_TORCH",
+    "NUMPY",
     "OF_TEXTURE",
     "PRINCIPLED",
     "PRINCIPLED_EXACT",
@@ -55,6 +58,7 @@ __all__ = (
     "SPECULARS",
     "STAGES",
     "TIMING",
+    "TORCH",
     "TORRANCE_SPARROW",
     "AgeRequest",
     "Binding",
@@ -285,6 +289,18 @@ def start_places(text: str) -> list[tuple[float, float, float]]:
         found.append((x, y, z))
     return found
 
+
+BACKEND: Final = "TVBRDF_BACKEND"
+"""The environment variable that chooses what computes."""
+
+TORCH: Final = "torch"
+NUMPY: Final = "numpy"
+
+NEEDS_TORCH = (
+    "Learning needs PyTorch, which the small zip of this extension leaves out.",
+    "Install the large zip, or choose a Worker Python that has torch in the preferences.",
+)
+"""Why nothing is learned, and what to do."""
 
 CPU: Final = "cpu"
 DEVICES = f"{AUTO}|{CPU}|cuda|cuda:N"

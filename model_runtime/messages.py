@@ -64,7 +64,7 @@ class Ready:
 
 @dataclass(frozen=True)
 class Loaded:
-    """torch is imported."""
+    """What computes is imported."""
 
 
 @dataclass(frozen=True)

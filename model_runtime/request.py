@@ -34,16 +34,16 @@ __all__ = ("MissingLibraryError", "cards", "load_age", "load_look", "request_fro
 
 
 class MissingLibraryError(TvbrdfError):
-    """A Python without torch, or with one that does not load."""
+    """A Python without a library that is needed, or with one that does not load."""
 
     code = "missing_library"
 
 
 def load_age() -> Callable[..., dict[str, Any]]:
-    """The function `age.age`, whose import takes torch, and so seconds.
+    """The function `age.age`, whose import takes seconds where it takes torch.
 
     Raises:
-        MissingLibraryError: torch or another library is absent or does not load.
+        MissingLibraryError: a library is absent or does not load.
         OutOfMemoryError: there is not enough memory for them.
     """
     with _loading():
@@ -68,8 +68,8 @@ def _loading() -> Iterator[None]:
         raise MissingLibraryError(
             f"{shown(Path(sys.executable))} cannot load what aging needs ({reason(error)}).",
             "Install the extension again from the zip made for this system, or set Worker Python "
-            "in its preferences to a Python that has torch, numpy, OpenEXR, safetensors and "
-            "Pillow.",
+            "in its preferences to a Python that has numpy, OpenEXR, safetensors and Pillow, "
+            "and torch or not.",
         ) from error
 
 

@@ -3,9 +3,9 @@
 Requests are `{"id", "verb", "args"}`, with the verbs `age`, `look`, `info`, `cancel` and
 `shutdown`.  Replies carry the request's `id` and a `type`: `progress` (`stage`, `fraction`),
 `warning` (`message`), `error` (`code`, `message`, `hint`) or `done` (`result`).  The first line of
-all is `ready` (`protocol`, `version`); `loaded` says that torch is imported.  While it imports or
-ages, an `alive` comes every two seconds.  What is no request, or a wrong one, gets an error reply;
-the worker goes on.
+all is `ready` (`protocol`, `version`); `loaded` says that what computes is imported.  While it
+imports or ages, an `alive` comes every two seconds.  What is no request, or a wrong one, gets an
+error reply; the worker goes on.
 
 The main thread ages, one request at a time.  A second thread reads stdin and answers everything
 else at once, so that a run can be cancelled; a third gives the signs of life.  The process ends
@@ -248,7 +248,7 @@ def claim_stdout() -> TextIO:
 
 
 def _warm_up() -> None:
-    """Import torch before the first run; what stands in the way is told when there is one."""
+    """Import what computes before the first run; what stands in the way is told by that."""
     try:
         load_age()
     except MissingLibraryError as error:

@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from model_runtime.backend import torch
 from model_runtime.model_files.weights import MODELS, read_card, save_model
 from model_runtime.temporal.grain import Grain
 from model_runtime.temporal.ntm import NeuralTemporalModel

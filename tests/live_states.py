@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import torch
 
+from model_runtime.backend import torch
 from model_runtime.brdf import principled
 from model_runtime.maps import PrincipledMaps
 from model_runtime.reading.inputs import read_input

@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
 
+from model_runtime.backend import torch
 from model_runtime.model_files.weights import save_model
 from model_runtime.output.stored import StagedResult
 from tests.aging import write_painted_steel
@@ -191,9 +191,10 @@ def test_info_lists_the_others_and_says_which_file_it_skipped(tmp_path: Path):
         assert len(alone.stderr.splitlines()) == 1
 
 
-def test_a_python_without_torch_is_told_what_to_do(tmp_path: Path):
+@pytest.mark.parametrize("library", ["numpy", "OpenEXR", "PIL"])
+def test_a_python_that_lacks_a_library_is_told_what_to_do(tmp_path: Path, library: str):
     code = (
-        "import sys\nsys.modules['torch'] = None\n"
+        f"import sys\nsys.modules[{library!r}] = None\n"
         "from model_runtime.cli import main\nsys.exit(main(sys.argv[1:]))"
     )
     words = ["age", "--input", str(tmp_path), "--ntm", "rust", "--output", str(tmp_path / "out")]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 
+from model_runtime.backend import torch
 from model_runtime.contract import METERS, OF_TEXTURE
 from model_runtime.images import read_image, write_exr
 from model_runtime.live.files import read_live

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
 
+from model_runtime.backend import torch
 from model_runtime.errors import ModelFileError, OutputError
 from model_runtime.model_files.weights import (
     MODELS,

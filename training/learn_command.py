@@ -18,9 +18,11 @@ from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
 from model_runtime.console import Parser, Terminal, fill_closed_streams, log_of, say, write_out
+from model_runtime.contract import NEEDS_TORCH, TORCH
 from model_runtime.errors import Cancelled, TvbrdfError, UsageError, reason
 from model_runtime.memory import check_limits, memory_in_words
 from model_runtime.messages import Done, Failed, Message, Notice, Progress, Reply, Request
+from model_runtime.request import MissingLibraryError
 from model_runtime.serve import claim_stdout
 from model_runtime.signals import EndedBySignal, EndingSignals
 
@@ -57,6 +59,7 @@ def _run(argv: Sequence[str], ending: EndingSignals) -> int:
     try:
         with memory_in_words("Close other programs."):
             check_limits()
+            _require_torch()
             card = _learn(arguments, listener)
     except Cancelled as cancelled:
         listener.failed(cancelled)
@@ -69,6 +72,13 @@ def _run(argv: Sequence[str], ending: EndingSignals) -> int:
         return 1
     listener.done(arguments.output, card)
     return 0
+
+
+def _require_torch() -> None:
+    from model_runtime.backend import NAME
+
+    if NAME != TORCH:
+        raise MissingLibraryError(*NEEDS_TORCH)
 
 
 def _parser() -> argparse.ArgumentParser:

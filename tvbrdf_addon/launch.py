@@ -41,6 +41,14 @@ class Launch:
     idle_minutes: float = IDLE_MINUTES
     lesson: tuple[str, ...] = ()
 
+    @property
+    def has_torch(self) -> bool:
+        """Whether PyTorch came with the extension; True where the user chose a Python, which may
+        have it.
+        """
+        chosen = self.interpreter or os.environ.get(ENVIRONMENT_VARIABLE)
+        return bool(chosen) or any((folder / "torch").is_dir() for folder in self.site_packages)
+
     def command(self) -> list[str]:
         """The command line of the worker.
 

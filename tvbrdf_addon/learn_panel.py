@@ -8,6 +8,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 import bpy
 
+from . import preferences
 from .drawing import guarded, paragraph
 from .errors import SettingsError
 from .known import by_uid, known, scene_of
@@ -230,7 +231,8 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row = layout.row()
     row.scale_y = 1.5
     row.operator("tvbrdf.learn")
-    if settings.title and (reason := _why_not(context)):
+    says = settings.title or not preferences.launch().has_torch
+    if says and (reason := _why_not(context)):
         paragraph(layout, context, reason, "ERROR")
     for sentence in _ended.sentences if _ended is not None else (_HINT,):
         paragraph(layout, context, sentence, "INFO" if _ended is None else _ended.icon)

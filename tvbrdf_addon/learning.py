@@ -13,6 +13,7 @@ from pathlib import Path
 
 import bpy
 
+from ..model_runtime.contract import NEEDS_TORCH
 from ..model_runtime.errors import Cancelled
 from . import preferences
 from .errors import SettingsError
@@ -54,6 +55,8 @@ def lesson(
     Raises:
         SettingsError: why it cannot be done.
     """
+    if not preferences.launch().has_torch:
+        raise SettingsError(*NEEDS_TORCH)
     title = title.strip()
     name = re.sub(r"\W+", "_", title.lower()).strip("_")
     if not name:

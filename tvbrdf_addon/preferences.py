@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ..model_runtime.contract import IDLE_MINUTES
+from ..model_runtime.contract import IDLE_MINUTES, NEEDS_TORCH
 from ..model_runtime.model_files import weights
 from .launch import Launch
 from .models import models_in
@@ -36,8 +36,8 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         name="Worker Python",
         description=(
             "Python that computes the aging, for instance one with a GPU build of torch. "
-            "It needs torch, numpy, OpenEXR, safetensors and Pillow. A whole path, not one that is "
-            "relative to the .blend. Empty: the one that came with the extension"
+            "It needs numpy, OpenEXR, safetensors and Pillow, and torch to learn. A whole path, "
+            "not one that is relative to the .blend. Empty: the one that came with the extension"
         ),
         subtype="FILE_PATH",
     )
@@ -64,6 +64,17 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
             layout.label(text=f"{len(left_out) - MOST_SENTENCES} more files are no models.")
         layout.prop(self, "worker_python", placeholder="Comes with the extension")
         layout.prop(self, "idle_minutes", text="Keep Ready (Minutes)")
+        for sentence in _runtime(launch()):
+            layout.label(text=sentence, icon="INFO")
+
+
+def _runtime(how: Launch) -> Sequence[str]:
+    """What computes, in the artist's words."""
+    if how.interpreter:
+        return ("Computes with the libraries of that Python.",)
+    if how.has_torch:
+        return ("Computes with PyTorch.",)
+    return ("Computes with NumPy: materials age as they do with PyTorch.", " ".join(NEEDS_TORCH))
 
 
 def model_folders() -> Sequence[Path]:

@@ -22,7 +22,11 @@ WELL_HELD = 45.0
 DOUBTFUL = 30.0
 """dB below which the user is told what is missing."""
 
-_STEPS = 150
+_STEPS = 20
+_DAMPING, _EASED, _STIFFENED = 0.1, 0.3, 4.0  # of a step, at first and after one that helped or not
+_LEAST_STIFF = 1e-9
+_NUDGE = 1e-3  # of a parameter, for its slope
+_TOGETHER = 8  # materials: what they need stays small
 _RELATIVE = 0.002  # of the loss: what no view shows
 _DARK = 0.01  # 1/sr; a near-black diffuse
 _LEAST = 0.02  # root of a reflectance, that descends away from 0
@@ -52,26 +56,42 @@ class Measurements:
         """How near values `f` [N, M, 3] at `other_views()` look, in dB [N]."""
         return psnr_of(*_shown(other_views(), self.held_back, f))
 
-    def descend(self, start: Tensor, evaluate: Evaluate, rate: float) -> Tensor:
-        """Parameters [N, D] that look nearer than `start` at `views()`, after a fixed number of
-        steps of at most `rate`; where there are none nearer, `start`.
+    def nearest(self, start: Tensor, evaluate: Evaluate) -> Tensor:
+        """Parameters [N, D] that look nearer than `start` at `views()`; `start`, where there are
+        none.
         """
-        with torch.inference_mode(False), torch.enable_grad():
-            truth, chosen = self.read.clone(), start.clone()
-            least = chosen.new_full((len(chosen),), math.inf)
-            moved = chosen.clone().requires_grad_()
-            optimizer = torch.optim.Adam([moved])
-            for step in range(_STEPS):
-                optimizer.param_groups[0]["lr"] = rate * (1 + math.cos(math.pi * step / _STEPS)) / 2
-                loss = _loss(truth, evaluate(moved, views().angles))
-                with torch.no_grad():
-                    nearer = loss < least
-                    least = torch.where(nearer, loss, least)
-                    chosen = torch.where(nearer[:, None], moved, chosen)
-                optimizer.zero_grad()
-                loss.sum().backward()
-                optimizer.step()
-            return chosen.detach()
+        parts = zip(self.read.split(_TOGETHER), start.split(_TOGETHER), strict=True)
+        return torch.cat([_nearest(truth, first, evaluate) for truth, first in parts])
+
+
+def _nearest(truth: Tensor, x: Tensor, evaluate: Evaluate) -> Tensor:
+    """By the method of Levenberg and Marquardt, each of N materials for itself."""
+    angles = views().angles
+    left = _missing(truth, evaluate(x, angles))
+    damping = torch.full_like(x[:, 0], _DAMPING)
+    for _ in range(_STEPS):
+        slopes = _slopes(truth, x, left, evaluate).double()
+        square = slopes @ slopes.mT
+        stiff = damping[:, None, None] * torch.eye(x.shape[1]) * (square + _LEAST_STIFF)
+        step = torch.linalg.solve(square + stiff, slopes @ left.double()[..., None])
+        tried = x - step[..., 0].float()
+        trial = _missing(truth, evaluate(tried, angles))
+        nearer = trial.square().sum(1) < left.square().sum(1)
+        x = torch.where(nearer[:, None], tried, x)
+        left = torch.where(nearer[:, None], trial, left)
+        damping = torch.where(nearer, damping * _EASED, damping * _STIFFENED)
+    return x
+
+
+def _slopes(truth: Tensor, x: Tensor, left: Tensor, evaluate: Evaluate) -> Tensor:
+    """How what is missing, `left` [N, R], changes with each of the parameters `x` [N, D]:
+    [N, D, R], by differences.
+    """
+    count, width = x.shape
+    moved = (x[:, None] + _NUDGE * torch.eye(width)).flatten(0, 1)
+    truth = truth[:, None].expand(-1, width, -1, -1).flatten(0, 1)
+    beside = _missing(truth, evaluate(moved, views().angles))
+    return (beside.unflatten(0, (count, width)) - left[:, None]) / _NUDGE
 
 
 def _shown(seen_from: Views, truth: Tensor, estimate: Tensor) -> tuple[Tensor, Tensor]:
@@ -80,13 +100,16 @@ def _shown(seen_from: Views, truth: Tensor, estimate: Tensor) -> tuple[Tensor, T
     return tuple(seen_from.seen(torch.where(known, f, 0)) for f in (truth, estimate))  # pyright: ignore[reportReturnType]
 
 
-def _loss(truth: Tensor, estimate: Tensor) -> Tensor:
-    """[N]"""
-    shown, guessed = _shown(views(), truth, estimate)
+def _missing(truth: Tensor, estimate: Tensor) -> Tensor:
+    """What N materials lack of what is to be seen, pixel by pixel, and a little of what no view
+    shows: [N, R], whose squares add up to the loss.
+    """
+    shown, guessed = (each.flatten(1) for each in _shown(views(), truth, estimate))
     known = truth.isfinite().all(-1, keepdim=True)
     apart = torch.log1p(estimate / _DARK) - torch.log1p(truth.clamp_min(0) / _DARK)
-    apart = torch.where(known, apart, 0).square().mean((1, 2))
-    return (shown - guessed).square().flatten(1).mean(1) + _RELATIVE * apart
+    apart = torch.where(known, apart, 0).flatten(1)
+    seen = (guessed - shown) / math.sqrt(shown.shape[1])
+    return torch.cat((seen, apart * math.sqrt(_RELATIVE / apart.shape[1])), 1)
 
 
 @dataclass(frozen=True)
@@ -111,7 +134,7 @@ def fit_seen(evaluate: Callable[[Tensor], Tensor], specular: Specular = "rgb") -
     off = (db < WELL_HELD).nonzero()[:, 0]
     if len(off):
         some = measured[off]
-        found = some.descend(_rooted(states[off]), lambda x, a: _values(x, a, specular), 0.05)
+        found = some.nearest(_rooted(states[off]), lambda x, a: _values(x, a, specular))
         refined = _states(found, specular)
         nearer = some.psnr(torrance_sparrow.evaluate(*optics(refined), angles))
         better = nearer > db[off]

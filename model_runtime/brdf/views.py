@@ -98,19 +98,13 @@ def _lamps(light: Tensor, count: int, start: float) -> Tensor:
 @cache
 def views() -> Views:
     """Those that are read where something is fitted."""
-    return _kept(8, 128, 32, 0.5)
+    return Views.of(8, 128, 32, 0.5)
 
 
 @cache
 def other_views() -> Views:
     """Those that are held back, to tell whether it fits."""
-    return _kept(6, 150, 25, 0.27)
-
-
-def _kept(count: int, directions: int, lamps: int, start: float) -> Views:
-    """Of use to those who differentiate, whoever asks first."""
-    with torch.inference_mode(False):
-        return Views.of(count, directions, lamps, start)
+    return Views.of(6, 150, 25, 0.27)
 
 
 def psnr_of(truth: Tensor, estimate: Tensor) -> Tensor:

@@ -1,7 +1,7 @@
 """Model files: safetensors whose header holds a JSON card.
 
-Reading a card needs nothing but the standard library, so the add-on lists models without torch;
-only `load_model` and `save_model` import safetensors, when called.
+Reading a card needs nothing but the standard library, so the add-on lists models without a library;
+only `load_model` and `save_model` import any, when called.
 """
 
 from __future__ import annotations
@@ -192,15 +192,15 @@ def hash_tensors(tensors: Mapping[str, Tensor]) -> str:
     digest = hashlib.sha256()
     for name in sorted(tensors):
         value = tensors[name].detach().cpu().contiguous()
-        digest.update(f"{name}{tuple(value.shape)}{value.dtype}".encode())
+        digest.update(f"{name}{tuple(value.shape)}torch.{value.numpy().dtype}".encode())
         digest.update(value.numpy().tobytes())
     return digest.hexdigest()[:16]
 
 
 def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
     """Tensors and card of the model file at `path`, which must be of `kind`."""
+    import numpy as np
     import safetensors
-    from safetensors.torch import load
 
     from ..backend import torch
 
@@ -209,27 +209,31 @@ def load_model(path: Path, kind: str) -> tuple[dict[str, Tensor], ModelCard]:
     if card.kind != kind:
         raise ModelFileError(f"{file} holds an {card.kind}, not an {kind}.", "Choose another file.")
     try:
-        # Not `load_file`, whose tensors stay tied to the file: cut short later, it is a bus error.
-        tensors = load(path.read_bytes())
+        # Not mapped into memory: a file that is cut short later would be a bus error.
+        stored = safetensors.deserialize(path.read_bytes())
     except (safetensors.SafetensorError, OSError) as error:
         if ran_out_of_memory(error):
             raise
         raise ModelFileError(
             f"{file} is damaged ({reason(error)}).", "Copy or download it again."
         ) from error
-    for name, value in tensors.items():
-        if name == _BYTES and value.dtype == torch.uint8:
-            continue
-        if value.dtype != torch.float32:
+    tensors = {}
+    for name, entry in stored:
+        of_bytes = name == _BYTES and entry["dtype"] == "U8"
+        if not of_bytes and entry["dtype"] != "F32":
             raise ModelFileError(
                 f"{file} holds numbers of another kind than single precision ({shown(name)}).",
                 "Choose a file made by `python -m training`.",
             )
-        if not torch.isfinite(value).all():
+        value = np.frombuffer(entry["data"], np.uint8 if of_bytes else "<f4")
+        tensors[name] = torch.from_numpy(value.reshape(entry["shape"]))
+        if of_bytes:
+            continue
+        if not np.isfinite(value).all():
             raise ModelFileError(
                 f"{file} holds values that are not finite ({shown(name)}).", "Train it again."
             )
-        if bool((value.abs() > _LARGEST_WEIGHT).any()):
+        if (np.abs(value) > _LARGEST_WEIGHT).any():
             raise ModelFileError(
                 f"{file} holds values that no training makes, above {_LARGEST_WEIGHT:,.0f} "
                 f"({shown(name)}).",
@@ -252,12 +256,12 @@ def save_model(
 
     Raises OutputError where it cannot be written.
     """
-    from safetensors.torch import save
+    from safetensors.numpy import save
 
     newest = any(name == _HEIGHT or name.startswith(_GRAIN) for name in tensors)
     card = {"format": _FORMATS[kind], **card, "version": FORMAT_VERSION if newest else 1}
-    contiguous = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    content = save(contiguous, metadata={"card": json.dumps(card)})
+    arrays = {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
+    content = save(arrays, metadata={"card": json.dumps(card)})
     with replaced(path, parents=True) as beside:
         beside.write_bytes(content)
         try:

@@ -9,18 +9,15 @@ from what the encoder says and from what a Torrance-Sparrow fit says.
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass
 
-from ..backend import Tensor, nn, torch
+from ..backend import Tensor, torch
 from ..brdf.fit import fit_angles, fit_torrance_sparrow
 from ..brdf.refinement import WELL_HELD, Measurements
 from ..brdf.views import other_views
 from .latents import PAPER_SAMPLES, Latents, Representation
 
 __all__ = ("Encoded", "encode_measured")
-
-_RATE = 0.1
 
 
 @dataclass(frozen=True)
@@ -35,7 +32,7 @@ def encode_measured(
     representation: Representation, evaluate: Callable[[Tensor], Tensor]
 ) -> Encoded:
     """Latents of N BRDFs `evaluate`(angles [M, 3]) -> f [N, M, 3], checked and, where they look off
-    by a fixed number of steps, refined.
+    refined by a fixed number of steps.
     """
     asked = representation.sample_angles(PAPER_SAMPLES, measured=True)
     latents = representation.encode(asked, evaluate(asked))
@@ -45,13 +42,10 @@ def encode_measured(
     off = (db < WELL_HELD).nonzero()[:, 0]
     if not len(off):
         return Encoded(latents, db)
-    with torch.inference_mode(False):
-        assert isinstance(representation, nn.Module)
-        decoder = deepcopy(representation).requires_grad_(False)
     fitted = fit_torrance_sparrow(evaluate(fit_angles())[off]).parameters()
     starts = torch.cat((flat[off], representation.encode_parameters(fitted).flat()))
     some = measured[off.repeat(2)]
-    found = some.descend(starts, lambda z, a: decoder.decode(latents.unflat(z), a), _RATE)
+    found = some.nearest(starts, lambda z, a: representation.decode(latents.unflat(z), a))
     nearer = some.psnr(representation.decode(latents.unflat(found), angles))
     every = torch.stack((db[off], *nearer.split(len(off))))
     chosen = every.argmax(0)
