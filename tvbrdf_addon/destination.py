@@ -9,7 +9,6 @@ import bpy
 
 from . import output, preferences
 from .errors import SettingsError
-from .material.result import result_folder
 
 __all__ = ("folder_for", "is_kept_apart", "require_place")
 
@@ -53,15 +52,20 @@ def _beside() -> str:
     return str(kept / time.strftime("%Y-%m-%d %H.%M.%S"))
 
 
-def _folders_in_use(material: bpy.types.Material) -> list[Path]:
-    """The folders of all images, and of other materials' results.
+def _folders_in_use(material: bpy.types.Material) -> set[Path]:
+    """The folders of all images, and those that other materials' results were written to.
 
-    This material's own textures count: an undo must find them as they were.
+    This material's own textures count: an undo must find them as they were.  Nothing is looked at
+    on disk, as there may be thousands.
     """
-    files = [
-        Path(bpy.path.abspath(image.filepath, library=image.library))
+    images = {
+        Path(bpy.path.abspath(image.filepath, library=image.library)).parent
         for image in bpy.data.images
         if image.filepath
-    ]
-    others = (result_folder(other) for other in bpy.data.materials if other != material)
-    return [file.parent for file in files] + [each for each in others if each is not None]
+    }
+    results = {
+        Path(bpy.path.abspath(other.tvbrdf.folder, library=other.library))
+        for other in bpy.data.materials
+        if other != material and other.tvbrdf.folder
+    }
+    return images | results

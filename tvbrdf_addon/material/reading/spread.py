@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 import bpy
 import mathutils
@@ -33,21 +34,46 @@ def texture_side(
     texels, on the objects that show it, on average by area; where it is unknown how they lie, as
     if they covered the surface once.  1 without a surface.
     """
-    depsgraph = bpy.context.evaluated_depsgraph_get()
     found = uv_mapping(space)
     world = texture = 0.0
     for obj in distinct(each for each in objects if each.type == "MESH"):
-        with in_view(obj, depsgraph) as (mesh, materials):
+        with _shown(obj) as (mesh, materials, matrix):
             uv_map = (found and found[0]) or active_uv_map(mesh)
             if uv_map is None or uv_map not in mesh.uv_layers:
                 continue
             corners, uv = triangles(mesh, [each == material for each in materials], uv_map)
-        world += float(_areas(in_world(corners, obj, depsgraph)).sum())
+        world += float(_areas(corners @ matrix[:3, :3].T + matrix[:3, 3]).sum())
         texture += float(_areas(np.pad(uv, ((0, 0), (0, 0), (0, 1)))).sum())  # in a plane
     scale = abs(float(np.linalg.det(found[1]))) if found is not None else 0.0
     shown = texture * scale / (tiles.columns * tiles.rows)
     area = world / shown if shown > 0 else world
     return math.sqrt(area * max(size) / min(size)) if area > 0 else 1.0
+
+
+@contextmanager
+def _shown(
+    obj: bpy.types.Object,
+) -> Iterator[tuple[bpy.types.Mesh, list[bpy.types.Material | None], Array]]:
+    """The mesh as the view shows it, its materials, and where it stands: [4, 4].
+
+    What nothing moves or changes is as it says itself: to evaluate a scene of thousands takes long.
+    """
+    if _is_plain(obj):
+        assert isinstance(obj.data, bpy.types.Mesh)
+        slots = [slot.material for slot in obj.material_slots]
+        yield obj.data, slots, np.array(obj.matrix_basis, np.float64)
+        return
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    with in_view(obj, depsgraph) as (mesh, materials):
+        yield mesh, materials, np.array(obj.evaluated_get(depsgraph).matrix_world, np.float64)
+
+
+def _is_plain(obj: bpy.types.Object) -> bool:
+    mesh = obj.data
+    assert isinstance(mesh, bpy.types.Mesh)
+    changed = (mesh.shape_keys, mesh.animation_data, *obj.modifiers, *obj.constraints)
+    moved = (obj.parent, obj.animation_data, obj.rigid_body)
+    return obj.mode == "OBJECT" and not any(each is not None for each in (*changed, *moved))
 
 
 def in_world(
