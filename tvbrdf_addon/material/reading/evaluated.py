@@ -5,7 +5,7 @@ What is looked at is what is then baked, so nothing that Cycles would die of rea
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from ...known import known
 
-__all__ = ("Evaluated", "alike", "distinct", "evaluated", "in_view", "mesh_of", "stage", "stand_in")
+__all__ = (
+    "Evaluated",
+    "alike",
+    "distinct",
+    "evaluated",
+    "in_view",
+    "mesh_of",
+    "stage",
+    "stand_ins",
+)
 
 Array = NDArray[np.float32]
 
@@ -51,7 +60,7 @@ class Evaluated:
 def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
     """The object at `frame`; nothing in the file is changed, and the mesh is gone afterwards."""
     with ExitStack() as stack:
-        seen = stack.enter_context(stand_in(obj))
+        seen = stack.enter_context(stand_ins([obj], realized=[obj]))[obj]
         scene = stack.enter_context(stage("tvbrdf look", [seen]))
         scene.frame_set(frame)
         mesh = mesh_of(seen, scene)
@@ -104,45 +113,53 @@ def stage(name: str, objects: list[bpy.types.Object]) -> Iterator[bpy.types.Scen
 
 
 @contextmanager
-def stand_in(obj: bpy.types.Object, *, realize: bool = True) -> Iterator[bpy.types.Object]:
-    """The object again, visible, with the modifiers that a render applies.
+def stand_ins(
+    objects: Iterable[bpy.types.Object], *, realized: Container[bpy.types.Object] = ()
+) -> Iterator[dict[bpy.types.Object, bpy.types.Object]]:
+    """The objects again, visible, with the modifiers that a render applies.
 
-    Instances that its nodes make are part of its mesh, unless these are not to be realized.
+    Instances that nodes of those to be `realized` make are part of their mesh.
     """
-    with ExitStack() as stack:
-        copy = obj.copy()
-        if obj.type == "MESH" and obj.mode == "EDIT":  # then it cannot be read
-            obj.update_from_editmode()
-            copy.data = obj.data.copy()
-            assert isinstance(copy.data, bpy.types.Mesh)
-            stack.callback(bpy.data.meshes.remove, copy.data)
-        stack.callback(bpy.data.objects.remove, copy)
-        copy.hide_viewport = copy.hide_render = False
-        simple = [scene.render for scene in obj.users_scene if scene.render.use_simplify]
-        most = min((each.simplify_subdivision_render for each in simple), default=_FINEST)
-        for modifier in copy.modifiers:
-            modifier.show_viewport = modifier.show_render
-            if modifier.type in ("SUBSURF", "MULTIRES"):
-                modifier.levels = min(modifier.render_levels, most)
-        if realize and any(modifier.type == "NODES" for modifier in copy.modifiers):
-            stack.enter_context(_instances_made_real(copy))
-        yield copy
-
-
-@contextmanager
-def _instances_made_real(obj: bpy.types.Object) -> Iterator[None]:
-    group = bpy.data.node_groups.new("tvbrdf look", "GeometryNodeTree")
+    made: list[bpy.types.ID] = []
     try:
-        for side in ("INPUT", "OUTPUT"):
-            group.interface.new_socket("Mesh", in_out=side, socket_type="NodeSocketGeometry")
-        begin, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-        realize = group.nodes.new("GeometryNodeRealizeInstances")
-        group.links.new(begin.outputs[0], realize.inputs[0])
-        group.links.new(realize.outputs[0], end.inputs[0])
-        obj.modifiers.new("tvbrdf look", "NODES").node_group = group
-        yield
+        yield {obj: _stand_in(obj, made, realize=obj in realized) for obj in objects}
     finally:
-        bpy.data.node_groups.remove(group)
+        # At once: for each time Blender looks through all that there is in the file.
+        bpy.data.batch_remove(made)
+
+
+def _stand_in(
+    obj: bpy.types.Object, made: list[bpy.types.ID], *, realize: bool
+) -> bpy.types.Object:
+    copy = obj.copy()
+    made.append(copy)
+    if obj.type == "MESH" and obj.mode == "EDIT":  # then it cannot be read
+        obj.update_from_editmode()
+        copy.data = known(obj.data).copy()
+        made.append(copy.data)
+    copy.hide_viewport = copy.hide_render = False
+    simple = [scene.render for scene in obj.users_scene if scene.render.use_simplify]
+    most = min((each.simplify_subdivision_render for each in simple), default=_FINEST)
+    for modifier in copy.modifiers:
+        modifier.show_viewport = modifier.show_render
+        if modifier.type in ("SUBSURF", "MULTIRES"):
+            modifier.levels = min(modifier.render_levels, most)
+    if realize and any(modifier.type == "NODES" for modifier in copy.modifiers):
+        made.append(_make_instances_real(copy))
+    return copy
+
+
+def _make_instances_real(obj: bpy.types.Object) -> bpy.types.NodeTree:
+    """Adds nodes that do, which have to be removed with the object."""
+    group = bpy.data.node_groups.new("tvbrdf look", "GeometryNodeTree")
+    for side in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Mesh", in_out=side, socket_type="NodeSocketGeometry")
+    begin, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    realize = group.nodes.new("GeometryNodeRealizeInstances")
+    group.links.new(begin.outputs[0], realize.inputs[0])
+    group.links.new(realize.outputs[0], end.inputs[0])
+    obj.modifiers.new("tvbrdf look", "NODES").node_group = group
+    return group
 
 
 def mesh_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Mesh:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...known import known
 from ..nodes.animation import channels
 from ..nodes.uv_maps import owned_uv_map
-from ..reading.evaluated import alike, stage, stand_in
+from ..reading.evaluated import alike, stage, stand_ins
 from ..reading.onset import is_shown
 from .painted import Mask
 from .parts import Part, Shown, read_mesh
@@ -91,10 +91,7 @@ def collect(
     others = _nearest(others, users)
     with ExitStack() as stack:
         # One scene for all: to make one and to look at it takes its time.
-        copies = {
-            obj: stack.enter_context(stand_in(obj, realize=obj in meshes))
-            for obj in (*meshes, *others)
-        }
+        copies = stack.enter_context(stand_ins((*meshes, *others), realized=meshes))
         if given is not None:
             for obj in meshes:
                 stack.enter_context(_with_uv_map(copies[obj], obj, given))
