@@ -26,10 +26,11 @@ AGING = $(patsubst %,tests/test_%.py,age age_models cli coverage grain_files gra
 export PYRIGHT_PYTHON_IGNORE_WARNINGS = 1
 
 PIP_INSTALL = -m pip install --quiet --disable-pip-version-check
-READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready
+READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready \
+    build/wheels/small/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects thumbnails extension extensions repository wheels test test-blenders types format clean
+.PHONY: help demo objects thumbnails extension extensions small repository wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
@@ -37,6 +38,7 @@ help:
 	@echo "make thumbnails     the pictures by which models are picked, beside the models"
 	@echo "make extension      build the zip to install in Blender, for PLATFORM (WHEELS=none: without torch)"
 	@echo "make extensions     build that of each platform: $(PLATFORMS)"
+	@echo "make small          build for each that without torch, under 30 MB: all but learning"
 	@echo "make repository     a folder to put on a web server, that Blender installs and updates from"
 	@echo "make test           lint, types and every test, in real Blender too"
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
@@ -65,6 +67,10 @@ extension: .venv/ready $(if $(filter none,$(WHEELS)),,build/wheels/$(PLATFORM)/r
 
 extensions: .venv/ready $(PLATFORMS:%=build/wheels/%/ready)
 	@for platform in $(PLATFORMS); do .venv/bin/python .ci/extension.py build \
+	    --platform $$platform --wheels build/wheels --output build || exit; done
+
+small: .venv/ready $(PLATFORMS:%=build/wheels/small/%/ready)
+	@for platform in $(PLATFORMS); do .venv/bin/python .ci/extension.py build --small \
 	    --platform $$platform --wheels build/wheels --output build || exit; done
 
 repository: .venv/ready $(PLATFORMS:%=build/wheels/%/ready)
@@ -103,6 +109,11 @@ clean:
 build/wheels/%/ready: requirements-runtime.txt | .venv/bin/python
 	.venv/bin/python .ci/extension.py wheels --platform $* --output build/wheels \
 	    --torch-index "$(TORCH_INDEX)" $(foreach version,$(PYTHONS),--python $(version))
+	@touch $@
+
+build/wheels/small/%/ready: requirements-runtime.txt | .venv/bin/python
+	.venv/bin/python .ci/extension.py wheels --small --platform $* --output build/wheels \
+	    $(foreach version,$(PYTHONS),--python $(version))
 	@touch $@
 
 .venv/ready: requirements.txt requirements-runtime.txt requirements-blender.txt build/wheels/$(HERE)/ready

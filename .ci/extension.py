@@ -1,17 +1,17 @@
 """Builds the extension's zip with Blender's own builder, from this working tree and pinned wheels.
 
     python .ci/extension.py wheels --platform linux-x64 --output build/wheels --python 3.11
-    python .ci/extension.py build --platform linux-x64 --wheels build/wheels --output build
+    python .ci/extension.py build --platform linux-x64 --wheels build/wheels --output build [--small]
     python .ci/extension.py repository --output build/repository ZIP ...
 
 `wheels` collects the wheels that `requirements-runtime.txt` pins for a platform, any from any, one
 folder a Python version, and asks no registry for what it has already.  torch is PyTorch's CPU
 build, taken from wherever pip looks, and from `--torch-index` where pip finds it nowhere else.  The
 first Python is required; the others are left out, with a warning, where a wheel does not exist for
-them.
+them.  With `--small` it is the wheels without which nothing ages, and no torch: these exist for all.
 
-`build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION-PLATFORM.zip`,
-validates it and prints its path.  It does nothing while the zip is that of the same content.
+`build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION-PLATFORM.zip`, or
+with `--small` into `tvbrdf-small-VERSION-PLATFORM.zip`, validates it and prints its path.  It does nothing while the zip is that of the same content.
 
 `repository` makes a folder that Blender takes for a repository of extensions once a web server
 shows it: the zips, their `index.json` and a page to drag them from.
@@ -46,6 +46,8 @@ PACKED = (
 )
 LEARNING = ("training", "training.__main__", "training.learn_command")
 """Modules of `training` that are packed with whatever of it the last imports, wherever in it."""
+SMALL = ("OpenEXR", "pillow", "safetensors")
+"""The pins that aging needs besides Blender's numpy; the others are torch, and what that needs."""
 TORCH_INDEX = "https://download.pytorch.org/whl/cpu"
 
 # Tags that wheels of a platform, by Blender's name, may carry; and its build of torch without CUDA,
@@ -67,11 +69,18 @@ def here() -> str | None:
     return known.get(ours)
 
 
-def download(*, platform: str, python: str, folder: Path, torch_index: str) -> str:
+def pinned(*, small: bool) -> list[str]:
+    """What a zip brings, as requirements."""
+    pins = PINS.read_text(encoding="utf-8").splitlines()
+    return [pin for pin in pins if not small or pin.partition("==")[0] in SMALL]
+
+
+def download(
+    *, platform: str, python: str, folder: Path, torch_index: str, small: bool = False
+) -> str:
     """Fill `folder` with the pinned wheels for one Python version; what is wrong, if anything."""
     build = TORCH_BUILD.get(platform, "")
-    pins = PINS.read_text(encoding="utf-8").splitlines()
-    pins = [pin + build if pin.startswith("torch==") else pin for pin in pins]
+    pins = [pin + build if pin.startswith("torch==") else pin for pin in pinned(small=small)]
     folder.mkdir(parents=True)
     wanted = folder / "pins.txt"
     wanted.write_text("\n".join(pins), encoding="utf-8")
@@ -82,7 +91,7 @@ def download(*, platform: str, python: str, folder: Path, torch_index: str) -> s
         *("--dest", str(folder), "--requirement", str(wanted)),
     ]
     error = ""
-    for extra in ([], ["--extra-index-url", torch_index]):
+    for extra in ([],) if small else ([], ["--extra-index-url", torch_index]):
         run = subprocess.run([*command, *extra], capture_output=True, text=True, check=False)
         if run.returncode == 0:
             wanted.unlink()
@@ -91,22 +100,31 @@ def download(*, platform: str, python: str, folder: Path, torch_index: str) -> s
     return error
 
 
-def collect_wheels(*, platform: str, pythons: list[str], output: Path, torch_index: str) -> None:
-    """Make `output/PLATFORM/PYTHON` hold the pinned wheels of every Python that has them."""
-    pinned = hashlib.sha256(PINS.read_bytes()).hexdigest()
+def wheels_of(folder: Path, platform: str, *, small: bool) -> Path:
+    """Where in a folder of wheels those of a platform are, a folder a Python."""
+    return folder / "small" / platform if small else folder / platform
+
+
+def collect_wheels(
+    *, platform: str, pythons: list[str], output: Path, torch_index: str, small: bool
+) -> None:
+    """Make the folders `wheels_of` hold the pinned wheels of every Python that has them."""
+    pins = hashlib.sha256(PINS.read_bytes()).hexdigest()
     for python in pythons:
-        folder = output / platform / python
+        folder = wheels_of(output, platform, small=small) / python
         stamp = folder / "pins.sha256"
-        if stamp.is_file() and stamp.read_text() == pinned:
+        if stamp.is_file() and stamp.read_text() == pins:
             continue
         shutil.rmtree(folder, ignore_errors=True)
         print(f"Collecting wheels for {platform}, Python {python}", flush=True)
-        error = download(platform=platform, python=python, folder=folder, torch_index=torch_index)
+        error = download(
+            platform=platform, python=python, folder=folder, torch_index=torch_index, small=small
+        )
         if not error:
-            stamp.write_text(pinned)
+            stamp.write_text(pins)
             continue
         shutil.rmtree(folder)
-        if python == pythons[0]:
+        if small or python == pythons[0]:
             raise SystemExit(
                 f"{error}\nThe pinned wheels for {platform}, Python {python}, are not to be had."
             )
@@ -207,17 +225,18 @@ def blender_ext(*command: str) -> None:
         raise SystemExit(f"blender_ext {command[0]}:\n{run.stdout}{run.stderr}")
 
 
-def build(*, platform: str, wheels_folder: Path | None, output: Path) -> Path:
+def build(*, platform: str, wheels_folder: Path | None, output: Path, small: bool = False) -> Path:
     """Build and validate the zip in `output`, unless it is there already; its path."""
     wheels: list[Path] = []
     if wheels_folder is not None:
-        found = (wheels_folder / platform).glob("*/*.whl")
+        found = wheels_of(wheels_folder, platform, small=small).glob("*/*.whl")
         wheels = sorted({wheel.name: wheel for wheel in found}.values())
         if not wheels:
             raise SystemExit(f"{wheels_folder} has no wheels for {platform}; run `make wheels`.")
     version = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))["version"]
     suffix = platform.replace("-", "_") if wheels else "nowheels"  # as Blender's builder does
-    target = output / f"tvbrdf-{version}-{suffix}.zip"
+    name = "tvbrdf-small" if small else "tvbrdf"
+    target = output / f"{name}-{version}-{suffix}.zip"
     stamp = target.with_suffix(".sha256")
     output.mkdir(parents=True, exist_ok=True)
     digest = content_hash(wheels)
@@ -252,6 +271,7 @@ def main() -> None:
     for command in (collecting, building):
         command.add_argument("--platform", choices=sorted(TAGS), default=here())
         command.add_argument("--output", type=Path, required=True)
+        command.add_argument("--small", action="store_true", help="without torch")
     collecting.add_argument("--python", action="append", required=True)
     collecting.add_argument("--torch-index", default=TORCH_INDEX)
     building.add_argument("--wheels", required=True, help="a folder, or none")
@@ -270,11 +290,15 @@ def main() -> None:
             pythons=arguments.python,
             output=arguments.output.resolve(),
             torch_index=arguments.torch_index,
+            small=arguments.small,
         )
         return
     wheels = None if arguments.wheels == "none" else Path(arguments.wheels).resolve()
     zip_file = build(
-        platform=arguments.platform, wheels_folder=wheels, output=arguments.output.resolve()
+        platform=arguments.platform,
+        wheels_folder=wheels,
+        output=arguments.output.resolve(),
+        small=arguments.small,
     )
     print(zip_file)
     print(f"{zip_file.name}: {zip_file.stat().st_size / 1e6:.1f} MB", file=sys.stderr)

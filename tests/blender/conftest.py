@@ -8,7 +8,8 @@ In this process (bpy from `.venv`; fast, one Blender for all tests):
 
 In a process of its own (bpy from `.venv-blender`, which holds no torch, OpenEXR or safetensors):
 
-- `extension_zip`: the zip an artist gets, wheels included, built at most once per content.
+- `extension_zip`: the zip an artist gets, wheels included, built at most once per content;
+  `small_zip`: the one without torch.
 - `profile`: a private Blender profile with that zip installed, once per session.
 - `blender_script(script, *arguments, check=True, timeout=300, env=None)`: runs a Python script in
   Blender with the profile's extension enabled and returns the `CompletedProcess` (stdout and
@@ -72,7 +73,16 @@ def stub_worker(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="session")
 def extension_zip() -> Path:
-    build = [sys.executable, str(ROOT / ".ci" / "extension.py"), "build"]
+    return _built()
+
+
+@pytest.fixture(scope="session")
+def small_zip() -> Path:
+    return _built("--small")
+
+
+def _built(*options: str) -> Path:
+    build = [sys.executable, str(ROOT / ".ci" / "extension.py"), "build", *options]
     folders = ["--wheels", str(ROOT / "build" / "wheels"), "--output", str(ROOT / "build")]
     run = subprocess.run([*build, *folders], capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr

@@ -9,6 +9,7 @@ import importlib.util
 import os
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import bpy
@@ -18,6 +19,11 @@ import small_scene
 MODULE = "bl_ext.user_default.tvbrdf"
 
 
+def brings_torch(extension: Path) -> bool:
+    with zipfile.ZipFile(extension) as archive:
+        return any(name.startswith("wheels/torch-") for name in archive.namelist())
+
+
 def installed(extension: Path, site_packages: Path) -> None:
     assert importlib.util.find_spec("torch") is None, "this environment has a torch of its own"
     bpy.ops.extensions.package_install_files(
@@ -25,7 +31,14 @@ def installed(extension: Path, site_packages: Path) -> None:
     )
     assert MODULE in bpy.context.preferences.addons
     assert hasattr(bpy.types.Material, "tvbrdf")
-    assert (site_packages / "torch").is_dir()
+    assert (site_packages / "PIL").is_dir()
+    assert (site_packages / "torch").is_dir() == brings_torch(extension)
+
+
+def learns_with_torch_alone(folder: Path, with_torch: bool) -> None:
+    settings = bpy.context.window_manager.tvbrdf_lesson
+    settings.source, settings.folder, settings.title = "folder", str(folder), "Lichen"
+    assert bpy.ops.tvbrdf.learn.poll() == with_torch
 
 
 def disabled_and_enabled() -> None:
@@ -72,6 +85,7 @@ def uninstalled(site_packages: Path) -> None:
     assert MODULE not in bpy.context.preferences.addons
     assert not hasattr(bpy.types.Material, "tvbrdf")
     assert not (site_packages / "torch").exists()
+    assert not (site_packages / "PIL").exists()
     assert not (Path(repos[index].directory) / "tvbrdf").exists()
     deadline = time.monotonic() + 5
     while worker in small_scene.workers() and time.monotonic() < deadline:
@@ -87,11 +101,12 @@ def main() -> None:
 
     installed(extension, site_packages)
     disabled_and_enabled()
+    learns_with_torch_alone(folder, brings_torch(extension))
     small_scene.build(folder)
     before = aged_and_rendered(folder)
     (worker,) = small_scene.workers()
     loaded = small_scene.mapped_torch(worker)
-    assert loaded, "the worker has loaded no torch"
+    assert bool(loaded) == brings_torch(extension), loaded
     assert all(file.is_relative_to(site_packages) for file in loaded), loaded
     reopened(folder)
     reverted(folder, before)

@@ -51,13 +51,36 @@ def test_installs_ages_renders_reverts_and_uninstalls(
     live_through(python, extension_zip, tmp_path, run_blender)
 
 
+@pytest.mark.slow
+def test_so_does_the_zip_without_torch(
+    small_zip: Path, run_blender: RunBlender, tmp_path: Path
+) -> None:
+    python = ROOT / ".venv-blender" / "bin" / "python"
+    live_through(python, small_zip, tmp_path, run_blender)
+
+
 @pytest.mark.blenders
+@pytest.mark.parametrize("zip_file", ["extension_zip", "small_zip"])
 @pytest.mark.parametrize("version", OTHER_BLENDERS)
 def test_does_the_same_in_other_blenders(
-    version: str, extension_zip: Path, run_blender: RunBlender, tmp_path: Path
+    version: str,
+    zip_file: str,
+    run_blender: RunBlender,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
 ) -> None:
     python = ROOT / f".venv-blender-{version}" / "bin" / "python"
-    live_through(python, extension_zip, tmp_path, run_blender)
+    live_through(python, request.getfixturevalue(zip_file), tmp_path, run_blender)
+
+
+def test_the_small_zip_brings_what_aging_needs_for_both_pythons(small_zip: Path) -> None:
+    assert small_zip.stat().st_size <= 30e6
+    with zipfile.ZipFile(small_zip) as archive:
+        wheels = [Path(name).name for name in archive.namelist() if name.endswith(".whl")]
+    assert {wheel.split("-")[0].lower() for wheel in wheels} == {"openexr", "safetensors", "pillow"}
+    for library in ("openexr", "pillow"):
+        tags = {wheel.split("-")[2] for wheel in wheels if wheel.startswith(library)}
+        assert tags == {"cp311", "cp313"}
 
 
 def test_zip_holds_what_belongs_and_nothing_else(extension_zip: Path) -> None:
