@@ -1,17 +1,18 @@
 """Builds the extension's zip with Blender's own builder, from this working tree and pinned wheels.
 
     python .ci/extension.py wheels --platform linux-x64 --output build/wheels --python 3.11
-    python .ci/extension.py build --platform linux-x64 --wheels build/wheels --output build [--small]
+    python .ci/extension.py build --platform linux-x64 --wheels build/wheels --output build
     python .ci/extension.py repository --output build/repository ZIP ...
 
 `wheels` collects the wheels that `requirements-runtime.txt` pins for a platform, any from any, one
 folder a Python version, and asks no registry for what it has already.  torch is PyTorch's CPU
 build, taken from wherever pip looks, and from `--torch-index` where pip finds it nowhere else.  The
 first Python is required; the others are left out, with a warning, where a wheel does not exist for
-them.  With `--small` it is the wheels without which nothing ages, and no torch: these exist for all.
+them.  With `--small` it collects the few that aging cannot do without, for all Pythons.
 
-`build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION-PLATFORM.zip`, or
-with `--small` into `tvbrdf-small-VERSION-PLATFORM.zip`, validates it and prints its path.  It does nothing while the zip is that of the same content.
+`build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION-PLATFORM.zip`,
+validates it and prints its path.  With `--small` that is `tvbrdf-small-VERSION-PLATFORM.zip`, which
+brings no torch.  It does nothing while the zip is that of the same content.
 
 `repository` makes a folder that Blender takes for a repository of extensions once a web server
 shows it: the zips, their `index.json` and a page to drag them from.
