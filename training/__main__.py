@@ -1,4 +1,4 @@
-"""`python -m training encoder | estimator | ntm | scan | learn | weathering | evaluate`."""
+"""`python -m training encoder | estimator | ntm | grain | scan | learn | weathering | evaluate`."""
 
 from __future__ import annotations
 

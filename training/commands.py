@@ -125,6 +125,22 @@ def ntm(
 
 
 @app.command
+def grain(sequence: Path, model: Path, output: Path, seed: int = 0) -> None:
+    """Give a model the grain and relief of a sequence; its networks stay.
+
+    Args:
+        sequence: folder of frames, with residues of weathered texels, or a picture.
+        model: the .safetensors file of the model.
+        output: the .safetensors file to write; it may be the same.
+        seed: of all random numbers.
+    """
+    from .grain import give_grain
+
+    _check(None, seed)
+    give_grain(sequence=sequence, model=model, output=output, seed=seed)
+
+
+@app.command
 def scan(
     input: Path,
     output: Path,

@@ -26,12 +26,11 @@ from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from .data.sequences import MixtureSequence, Sequence, read_sequence
+from .grain import grained
 from .ladder import Split, choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
 from .loop import Run, Schedule, Training, remove_checkpoints, train
-from .source.grain import grain_of_sequence, height_of
 from .source.histories import SourceHistories, source_histories
 from .source.onsets import timed
-from .source.residue import with_residue
 from .source.steadiness import steadied
 
 __all__ = (
@@ -128,11 +127,8 @@ def write_ntm(
     representation, identity = load_representation(encoder)
     source = source_histories(sequence, representation, seed=run.seed)
     ntm = train_ladder(source, representation, config, run)
-    found = ntm.card.details
-    if isinstance(sequence, Sequence):
-        sequence = with_residue(sequence, seed=run.seed)
-        ntm = replace(ntm, grain=grain_of_sequence(sequence), height=height_of(sequence))
-        found = {**found, **_told_of(ntm, sequence)}
+    ntm, told = grained(ntm, sequence, seed=run.seed)
+    found = {**ntm.card.details, **told}
     details: dict[str, Any] = {
         **card,
         "source": ". ".join(
@@ -155,16 +151,6 @@ def write_ntm(
     )
     remove_checkpoints(run, PARTS)
     return details
-
-
-def _told_of(ntm: NeuralTemporalModel, sequence: Sequence) -> dict[str, Any]:
-    """What the card says of grain and of whose work the sequence was made from."""
-    told: dict[str, Any] = {}
-    if ntm.grain is not None:
-        told["grain"] = {"share": round(ntm.grain.share, 4)}
-    if sequence.sources:
-        told["sources"] = [dict(source) for source in sequence.sources]
-    return told
 
 
 def train_ladder(
