@@ -84,10 +84,14 @@ def test_save_as_elsewhere_finds_its_textures(folder: Path):
         assert Path(bpy.path.abspath(image.filepath)).is_file()
 
 
-def test_an_output_without_slashes_is_the_shells(folder: Path, tmp_path_factory, monkeypatch):
+def test_paths_without_slashes_are_the_shells(folder: Path, tmp_path_factory, monkeypatch):
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     monkeypatch.chdir(elsewhere)
-    assert main(["--material", "Steel", *USUAL, "--output", "here"]) == 0
+    words = ["--material", "Steel", *USUAL, "--output", "here", "--save-as"]
+    assert main([*words, "//beside.blend"]) == 0
+    assert (folder / "beside.blend").is_file()
+    assert main([*words, "here.blend"]) == 0
+    assert (elsewhere / "here.blend").is_file()
     assert (elsewhere / "here" / "Steel" / "aged.json").is_file()
 
 

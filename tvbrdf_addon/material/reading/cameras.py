@@ -11,7 +11,7 @@ import numpy as np
 
 from ...known import known
 from .density import pixels_across
-from .evaluated import in_view, stage
+from .evaluated import in_view, passing, stage
 from .onset import showing
 from .space import Space, image_size
 from .spread import in_world, uv_mapping
@@ -101,7 +101,8 @@ def all_the_cameras_see(
 def _over(view: _View, frames: Iterable[int], most: int) -> float:
     """The most pixels over `frames`; looks no further where more than `most` are needed anyway."""
     seen = 0.0
-    with stage("tvbrdf cameras", [*view.cameras, *view.objects]) as scene:
+    with passing() as made:
+        scene = stage("tvbrdf cameras", [*view.cameras, *view.objects], made)
         for frame in frames:
             scene.frame_set(frame)
             seen = max(seen, view.pixels(known(scene.view_layers[0].depsgraph)))

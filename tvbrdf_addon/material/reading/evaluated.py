@@ -5,8 +5,8 @@ What is looked at is what is then baked, so nothing that Cycles would die of rea
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import bpy
@@ -23,8 +23,9 @@ __all__ = (
     "evaluated",
     "in_view",
     "mesh_of",
+    "passing",
     "stage",
-    "stand_ins",
+    "stand_in",
 )
 
 Array = NDArray[np.float32]
@@ -59,16 +60,30 @@ class Evaluated:
 @contextmanager
 def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
     """The object at `frame`; nothing in the file is changed, and the mesh is gone afterwards."""
-    with ExitStack() as stack:
-        seen = stack.enter_context(stand_ins([obj], realized=[obj]))[obj]
-        scene = stack.enter_context(stage("tvbrdf look", [seen]))
+    with passing() as made:
+        seen = stand_in(obj, made)
+        scene = stage("tvbrdf look", [seen], made)
         scene.frame_set(frame)
         mesh = mesh_of(seen, scene)
-        stack.callback(bpy.data.meshes.remove, mesh)
+        made.append(mesh)
         mesh.validate(clean_customdata=False)  # takes out what is no number, too
         depsgraph = known(scene.view_layers[0].depsgraph)
         basis = seen.evaluated_get(depsgraph).matrix_basis.copy()
         yield Evaluated(obj, mesh, basis, _rest(seen, scene, mesh))
+
+
+@contextmanager
+def passing() -> Iterator[list[bpy.types.ID]]:
+    """What is made for a look, and noted in this list, leaves the file at its end.
+
+    All at once: each time Blender looks through everything that there is in the file.
+    """
+    made: list[bpy.types.ID] = []
+    try:
+        yield made
+    finally:
+        # Nor are scenes removed one by one, of which Blender (4.3) crashes without a window.
+        bpy.data.batch_remove(made)
 
 
 @contextmanager
@@ -99,38 +114,27 @@ def alike(objects: Iterable[bpy.types.Object]) -> list[list[bpy.types.Object]]:
     return list(groups.values())
 
 
-@contextmanager
-def stage(name: str, objects: list[bpy.types.Object]) -> Iterator[bpy.types.Scene]:
-    """A scene with these objects only, whose time can be changed without touching the artist's."""
-    scene = bpy.data.scenes.new(name)
-    try:
-        for obj in objects:
-            scene.collection.objects.link(obj)
-        yield scene
-    finally:
-        # Not scenes.remove, which crashes Blender (4.3) where there is no window: --command.
-        bpy.data.batch_remove((scene,))
-
-
-@contextmanager
-def stand_ins(
-    objects: Iterable[bpy.types.Object], *, realized: Container[bpy.types.Object] = ()
-) -> Iterator[dict[bpy.types.Object, bpy.types.Object]]:
-    """The objects again, visible, with the modifiers that a render applies.
-
-    Instances that nodes of those to be `realized` make are part of their mesh.
+def stage(
+    name: str, objects: Iterable[bpy.types.Object], made: list[bpy.types.ID]
+) -> bpy.types.Scene:
+    """A scene with these objects only, whose time can be changed without touching the artist's; one
+    of what is `made` in passing.
     """
-    made: list[bpy.types.ID] = []
-    try:
-        yield {obj: _stand_in(obj, made, realize=obj in realized) for obj in objects}
-    finally:
-        # At once: for each time Blender looks through all that there is in the file.
-        bpy.data.batch_remove(made)
+    scene = bpy.data.scenes.new(name)
+    made.append(scene)
+    for obj in objects:
+        scene.collection.objects.link(obj)
+    return scene
 
 
-def _stand_in(
-    obj: bpy.types.Object, made: list[bpy.types.ID], *, realize: bool
+def stand_in(
+    obj: bpy.types.Object, made: list[bpy.types.ID], *, realize: bool = True
 ) -> bpy.types.Object:
+    """The object again, visible, with the modifiers that a render applies; it and what it needs are
+    `made` in passing.
+
+    Instances that its nodes make are part of its mesh, unless these are not to be realized.
+    """
     copy = obj.copy()
     made.append(copy)
     if obj.type == "MESH" and obj.mode == "EDIT":  # then it cannot be read

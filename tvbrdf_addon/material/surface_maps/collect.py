@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from ...known import known
 from ..nodes.animation import channels
 from ..nodes.uv_maps import owned_uv_map
-from ..reading.evaluated import alike, stage, stand_ins
+from ..reading.evaluated import alike, passing, stage, stand_in
 from ..reading.onset import is_shown
 from .painted import Mask
 from .parts import Part, Shown, read_mesh
@@ -89,13 +88,13 @@ def collect(
     meshes = [obj for obj in users if obj.type == "MESH"]
     others = [obj for obj in places if obj not in meshes and _shelters(obj)]
     others = _nearest(others, users)
-    with ExitStack() as stack:
+    with passing() as made:
         # One scene for all: to make one and to look at it takes its time.
-        copies = stack.enter_context(stand_ins((*meshes, *others), realized=meshes))
+        copies = {obj: stand_in(obj, made, realize=obj in meshes) for obj in (*meshes, *others)}
         if given is not None:
             for obj in meshes:
-                stack.enter_context(_with_uv_map(copies[obj], obj, given))
-        look = stack.enter_context(stage("tvbrdf look", list(copies.values())))
+                _give_uv_map(copies[obj], obj, given, made)
+        look = stage("tvbrdf look", copies.values(), made)
         look.frame_set(frame)
         depsgraph = known(look.view_layers[0].depsgraph)
         depsgraph.update()
@@ -110,10 +109,10 @@ def collect(
 
         shown, around, triangles = [], [], 0
         ours = owned_uv_map(material)
-        made = ours if given is None else given.name
+        added = ours if given is None else given.name
 
         def painted(mesh: bpy.types.Mesh) -> Array | None:
-            return None if mask is None else mask.at_corners(mesh, but=made)
+            return None if mask is None else mask.at_corners(mesh, but=added)
 
         for group in alike(meshes):
             name = given.name if given is not None else uv_map
@@ -214,19 +213,15 @@ def _nearest(
     return [objects[i] for i in order[:_MOST_AROUND].tolist()]
 
 
-@contextmanager
-def _with_uv_map(copy: bpy.types.Object, obj: bpy.types.Object, given: UVMap) -> Iterator[None]:
+def _give_uv_map(
+    copy: bpy.types.Object, obj: bpy.types.Object, given: UVMap, made: list[bpy.types.ID]
+) -> None:
     """Gives a stand-in's mesh, which becomes its own, the map that `obj` is to have."""
     places = given.places.get(known(obj.data).session_uid)
-    before = copy.data
-    assert isinstance(before, bpy.types.Mesh)
-    copy.data = mesh = before.copy()
-    try:
-        if places is not None and len(places) == len(mesh.loops):
-            # One of an earlier aging may be there.
-            layer = mesh.uv_layers.get(given.name) or mesh.uv_layers.new(name=given.name)
-            layer.data.foreach_set("uv", places.ravel())
-        yield
-    finally:
-        copy.data = before
-        bpy.data.meshes.remove(mesh)
+    assert isinstance(copy.data, bpy.types.Mesh)
+    copy.data = mesh = copy.data.copy()
+    made.append(mesh)
+    if places is not None and len(places) == len(mesh.loops):
+        # One of an earlier aging may be there.
+        layer = mesh.uv_layers.get(given.name) or mesh.uv_layers.new(name=given.name)
+        layer.data.foreach_set("uv", places.ravel())
