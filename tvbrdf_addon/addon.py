@@ -5,16 +5,19 @@ from __future__ import annotations
 import bpy
 
 from . import (
+    ageing,
     finding,
     follow,
     learn_panel,
     look,
+    menus,
     models,
     operators,
     outlook,
     panels,
     pictures,
     preferences,
+    presets,
     properties,
     session,
     suiting,
@@ -27,7 +30,9 @@ CLASSES = (
     *preferences.CLASSES,
     *properties.CLASSES,
     *operators.CLASSES,
+    *ageing.CLASSES,
     *finding.CLASSES,
+    *presets.CLASSES,
     *learn_panel.CLASSES,
     *panels.CLASSES,
 )
@@ -39,6 +44,7 @@ def register() -> None:
     properties.register()
     learn_panel.register()
     panels.register()
+    menus.register()
     session.register()
     follow.register()
     command.register()
@@ -48,8 +54,9 @@ def unregister() -> None:
     # The worker first: it must be gone before Blender replaces the extension's files.
     session.unregister()
     panels.unregister()
+    menus.unregister()
     learn_panel.unregister()
-    operators.unregister()
+    ageing.unregister()
     look.unregister()
     follow.unregister()
     outlook.unregister()

@@ -63,7 +63,7 @@ def draw_row(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row = layout.row(align=True)
     run, path = session.current(), age_path(material)
     if run is not None:
-        row.progress(factor=run.fraction, text=f"Aging {run.plan.material_name} {run.fraction:.0%}")
+        row.progress(factor=run.progress, text=f"Aging {run.name} {run.progress:.0%}")
         row.operator("tvbrdf.cancel", text="", icon="X")
     elif is_aged(material) and path is not None:
         row.prop(material, path, text="Age", slider=True)
@@ -149,10 +149,11 @@ def _draw_progress(layout: bpy.types.UILayout, run: Run) -> None:
     row = layout.row()
     row.scale_y = 1.5
     row.alignment = "CENTER"
-    row.label(text=f"Aging {run.plan.material_name}")
+    row.label(text=f"Aging {run.name}")
     column = layout.column(align=True)
-    left = "" if run.seconds_left is None else f"  {_time_left(run.seconds_left)}"
-    column.progress(factor=run.fraction, type="BAR", text=f"{run.fraction:.0%}{left}")
+    seconds = run.seconds_left if run.turn[1] == 1 else None
+    left = "" if seconds is None else f"  {_time_left(seconds)}"
+    column.progress(factor=run.progress, type="BAR", text=f"{run.progress:.0%}{left}")
     column.label(text=f"{run.stage}…")
     if run.previewing:
         column.label(text="Play: a preview is shown", icon="PLAY")

@@ -16,6 +16,7 @@ from .learning import Learning, Lesson, lesson
 from .log import is_cancel, said_of, tell
 from .operators import material_of
 from .properties import RELATIVE
+from .redraw import redraw
 
 __all__ = ("CLASSES", "draw", "register", "unregister")
 
@@ -158,7 +159,7 @@ class TVBRDF_OT_learn(bpy.types.Operator):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type != "TIMER" or _learning is None:
             return {"PASS_THROUGH"} if _learning is not None else {"CANCELLED"}
-        _redraw(context)
+        redraw()
         try:
             if _learning.step():
                 return {"PASS_THROUGH"}
@@ -210,7 +211,7 @@ class TVBRDF_OT_cancel_learning(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         known(_learning).cancel()
-        _redraw(context)
+        redraw()
         return {"FINISHED"}
 
 
@@ -270,13 +271,6 @@ def _end(ended: _Ended) -> None:
     if _learning is not None:
         _learning.close()
     _learning, _ended = None, ended
-
-
-def _redraw(context: bpy.types.Context) -> None:
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in {"NODE_EDITOR", "PROPERTIES"}:
-                area.tag_redraw()
 
 
 def register() -> None:

@@ -1,30 +1,23 @@
-"""Age, bake frames, look, cancel, revert, freeze."""
+"""What operators act on, and those that wait for nothing: cancel, revert, freeze, starts."""
 
 from __future__ import annotations
 
 import difflib
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import bpy
 
-from . import session, suiting
+from . import session
 from .errors import SettingsError
-from .known import by_uid, scene_of
-from .log import is_cancel, said_of
-from .look import Look
+from .known import scene_of
+from .log import said_of
 from .material.binding.freeze import freeze
 from .material.nodes.record import is_live
 from .material.nodes.revert import is_aged, revert
-from .outlook import is_worth_a_preview
-from .run import Run, object_with, why_not
+from .material.reading.chosen import object_with
+from .redraw import redraw
 
-__all__ = ("CLASSES", "find_material", "material_of", "unregister")
-
-# Seconds between two looks at the worker: often enough for a smooth bar.
-TICK = 0.1
-
-# That of the run that goes on.
-_timer: bpy.types.Timer | None = None
+__all__ = ("CLASSES", "OnMaterial", "Target", "find_material", "is_shown", "material_of")
 
 
 def material_of(context: bpy.types.Context) -> bpy.types.Material | None:
@@ -61,12 +54,12 @@ def find_material(name: str) -> bpy.types.Material:
     raise SettingsError(f"There is no material called {name}.", hint)
 
 
-class _Target(NamedTuple):
+class Target(NamedTuple):
     material: bpy.types.Material
     scene: bpy.types.Scene
 
 
-class _OnMaterial:
+class OnMaterial:
     """An operator on the material named by `material`, or else shown where it is called."""
 
     material: bpy.props.StringProperty(
@@ -75,19 +68,19 @@ class _OnMaterial:
         options={"SKIP_SAVE"},
     )
 
-    def target(self, context: bpy.types.Context) -> _Target:
+    def target(self, context: bpy.types.Context) -> Target:
         if self.material:
-            return _Target(find_material(self.material), scene_of(context))
+            return Target(find_material(self.material), scene_of(context))
         if (material := material_of(context)) is None:
             raise SettingsError("There is no material here.", "Give the object one first.")
-        return _Target(material, scene_of(context))
+        return Target(material, scene_of(context))
 
     def refuse(self, error: BaseException) -> set[str]:
         self.report({"ERROR"}, said_of(error))
         return {"CANCELLED"}
 
 
-def _shown(context: bpy.types.Context) -> bool:
+def is_shown(context: bpy.types.Context) -> bool:
     """Whether the call comes from an editor that shows a material, so that it must be that one.
 
     A script names its material instead, which `poll` cannot see.
@@ -95,149 +88,7 @@ def _shown(context: bpy.types.Context) -> bool:
     return context.area is not None and context.area.type in {"NODE_EDITOR", "PROPERTIES"}
 
 
-class _Ages(_OnMaterial):
-    """An operator that ages the material, bound as `binding` says: None is as its settings do."""
-
-    # All edits are made in the last step, so that one undo takes them back.
-    bl_options: ClassVar[set[str]] = {"UNDO"}
-    binding: ClassVar[str | None] = None
-    done: ClassVar[str] = "{} ages"
-
-    object: bpy.props.StringProperty(
-        name="Object",
-        description="Name of the object that the material is read from; empty for one that shows "
-        "it, the active one if it can be",
-        options={"SKIP_SAVE"},
-    )
-
-    _run: Run
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if (run := session.current()) is not None:
-            cls.poll_message_set(f"{run.plan.material_name} is being aged")
-            return False
-        if not _shown(context):
-            return True
-        material = material_of(context)
-        try:
-            reason = (
-                "There is no material" if material is None else why_not(material, scene_of(context))
-            )
-        except Exception as error:
-            reason = said_of(error)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
-
-    def kind(self) -> type[Run]:
-        """What the run does.  A method, as Blender 4.2 crashes at its end over a class that holds
-        another.
-        """
-        return Run
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            run = session.age_and_wait(
-                *self.target(context), self.object, binding=self.binding, kind=self.kind()
-            )
-        except (Exception, KeyboardInterrupt) as error:
-            return self.refuse(error)
-        for warning in run.warnings:
-            self.report({"WARNING"}, warning)
-        return {"FINISHED"}
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        global _timer
-        # Timers do not run without a window.
-        if bpy.app.background or context.window is None:
-            return self.execute(context)
-        try:
-            material, scene = self.target(context)
-            suiting.look_at(material)
-            preview = is_worth_a_preview(material, scene)
-            self._run = session.begin(
-                *(material, scene, self.object),
-                preview=preview,
-                binding=self.binding,
-                kind=self.kind(),
-            )
-        except Exception as error:
-            return self.refuse(error)
-        _timer = context.window_manager.event_timer_add(TICK, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        _redraw(context)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "ESC" and event.value == "PRESS" and not is_playing():
-            self._run.cancel()
-            return {"RUNNING_MODAL"}
-        if event.type != "TIMER":
-            return {"PASS_THROUGH"}
-        _redraw(context)
-        try:
-            if self._run.step():
-                return {"PASS_THROUGH"}
-        except (Exception, KeyboardInterrupt) as error:
-            said = said_of(error)
-            self._end(context, icon="NONE" if is_cancel(error) else "ERROR", sentences=(said,))
-            self.report({"INFO" if is_cancel(error) else "ERROR"}, said)
-            return {"CANCELLED"}
-        warnings = tuple(self._run.warnings)
-        said = _show(self._run) if self.kind() is Run else ""
-        self._end(context, icon="ERROR", sentences=warnings, next=said)
-        self.report({"INFO"}, self.done.format(self._run.plan.material_name))
-        for warning in warnings:
-            self.report({"WARNING"}, warning)
-        return {"FINISHED"}
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        # Blender calls this when the window closes or another file is loaded.
-        reason = self._run.ended_by or "Aging ended, because its window was closed."
-        self._end(context, icon="NONE", sentences=(reason,))
-
-    def _end(
-        self,
-        context: bpy.types.Context,
-        *,
-        icon: Literal["NONE", "ERROR"],
-        sentences: tuple[str, ...],
-        next: str = "",
-    ) -> None:
-        _remove_timer()
-        session.finish(self._run, icon=icon, sentences=sentences, next=next)
-        _redraw(context)
-
-
-class TVBRDF_OT_age_material(_Ages, bpy.types.Operator):
-    """Age the material over the frame range. It stays yours: Revert brings the original back"""
-
-    bl_idname = "tvbrdf.age_material"
-    bl_label = "Age Material"
-
-
-class TVBRDF_OT_bake_frames(_Ages, bpy.types.Operator):
-    """Age the material again as image sequences, which other programs and exporters understand"""
-
-    bl_idname = "tvbrdf.bake_frames"
-    bl_label = "Bake Frames"
-    binding = "frames"
-
-
-class TVBRDF_OT_look(_Ages, bpy.types.Operator):
-    """Show where on the object aging would start and where it comes last; nothing ages yet"""
-
-    bl_idname = "tvbrdf.look"
-    bl_label = "Look Where It Starts"
-    bl_options: ClassVar[set[str]] = {"INTERNAL"}
-    done = "The picture shows where {} starts to age"
-
-    def kind(self) -> type[Run]:
-        return Look
-
-
-class TVBRDF_OT_start_here(_OnMaterial, bpy.types.Operator):
+class TVBRDF_OT_start_here(OnMaterial, bpy.types.Operator):
     """Let aging start at the 3D cursor before anywhere else; Shift and right click put it there"""
 
     bl_idname = "tvbrdf.start_here"
@@ -255,7 +106,7 @@ class TVBRDF_OT_start_here(_OnMaterial, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class TVBRDF_OT_start_anywhere(_OnMaterial, bpy.types.Operator):
+class TVBRDF_OT_start_anywhere(OnMaterial, bpy.types.Operator):
     """Forget the places at which aging was to start"""
 
     bl_idname = "tvbrdf.start_anywhere"
@@ -288,17 +139,17 @@ class TVBRDF_OT_cancel(bpy.types.Operator):
         run = session.current()
         assert run is not None
         run.cancel()
-        _redraw(context)
+        redraw()
         return {"FINISHED"}
 
 
-class _OnAgedMaterial(_OnMaterial):
+class _OnAgedMaterial(OnMaterial):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if session.current() is not None:
             cls.poll_message_set("A material is being aged")
             return False
-        if not _shown(context):
+        if not is_shown(context):
             return True
         material = material_of(context)
         if material is None or not is_aged(material):
@@ -306,7 +157,7 @@ class _OnAgedMaterial(_OnMaterial):
             return False
         return True
 
-    def aged_target(self, context: bpy.types.Context) -> _Target:
+    def aged_target(self, context: bpy.types.Context) -> Target:
         target = self.target(context)
         if not is_aged(target.material):
             raise SettingsError(f"{target.material.name} is not aged.", "Age it first.")
@@ -322,7 +173,9 @@ class TVBRDF_OT_revert(_OnAgedMaterial, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            revert(self.aged_target(context).material)
+            material = self.aged_target(context).material
+            revert(material)
+            session.forget(material)
         except Exception as error:
             return self.refuse(error)
         return {"FINISHED"}
@@ -351,43 +204,7 @@ class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _remove_timer() -> None:
-    global _timer
-    if _timer is not None:
-        bpy.context.window_manager.event_timer_remove(_timer)
-        _timer = None
-
-
-def unregister() -> None:
-    # With its class Blender lets go of the operator that goes on, without a word to it.
-    _remove_timer()
-
-
-def _show(run: Run) -> str:
-    """Lets the viewport show what a run made, where it does not yet; says what to do next."""
-    plan, scene = run.plan, by_uid(bpy.data.scenes, run.plan.scene_uid)
-    if scene is not None and scene.frame_current <= plan.frame_start and not is_playing():
-        scene.frame_set((plan.frame_start + plan.frame_end) // 2)
-    return "Drag Age, or play, to see it grow."
-
-
-def is_playing() -> bool:
-    """Whether an animation plays in any window."""
-    windows = bpy.context.window_manager.windows
-    return any(window.screen.is_animation_playing for window in windows)
-
-
-def _redraw(context: bpy.types.Context) -> None:
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in {"NODE_EDITOR", "PROPERTIES"}:
-                area.tag_redraw()
-
-
 CLASSES = (
-    TVBRDF_OT_age_material,
-    TVBRDF_OT_bake_frames,
-    TVBRDF_OT_look,
     TVBRDF_OT_start_here,
     TVBRDF_OT_start_anywhere,
     TVBRDF_OT_cancel,

@@ -26,6 +26,7 @@ from .material.reading.onset import is_painted, showing
 from .material.reading.space import Space, choose_space, image_size
 from .material.result import result_folder
 from .rates import Estimate, Rates, Work
+from .redraw import redraw
 from .sentences import report_in
 
 __all__ = ("Outlook", "is_worth_a_preview", "learn", "look_soon", "outlook_of", "unregister")
@@ -186,12 +187,8 @@ def _look_in_time() -> None:
     if look is not None and look != _looks.get(_wanted):
         _looks[_wanted] = look
         is_new = True
-    if not is_new:
-        return
-    for window in windows:
-        for area in window.screen.areas:
-            if area.type in {"NODE_EDITOR", "PROPERTIES"}:
-                area.tag_redraw()
+    if is_new:
+        redraw()
 
 
 def _look(material: bpy.types.Material, scene: bpy.types.Scene) -> _Look | None:

@@ -17,6 +17,7 @@ from .material.reading.chosen import object_with
 from .material.reading.onset import is_invertible
 from .material.result import result_folder
 from .operators import material_of
+from .presets import TVBRDF_PT_presets
 from .sentences import report_in
 
 __all__ = ("CLASSES", "register", "unregister")
@@ -167,6 +168,16 @@ class _OfMaterial:
         return material_of(context) is not None
 
 
+class _Age:
+    bl_label = "Age Material"
+
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        TVBRDF_PT_presets.draw_panel_header(known(self.layout))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        age_panel.draw(known(self.layout), context)
+
+
 class _Start(_OfMaterial):
     bl_label = "Where It Starts"
 
@@ -207,18 +218,12 @@ class _Result(_OfMaterial):
         _draw_result(known(self.layout), context)
 
 
-class NODE_PT_tvbrdf_age(_SidebarPanel, bpy.types.Panel):
-    bl_label = "Age Material"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        age_panel.draw(known(self.layout), context)
+class NODE_PT_tvbrdf_age(_Age, _SidebarPanel, bpy.types.Panel):
+    pass
 
 
-class MATERIAL_PT_tvbrdf_age(_PropertiesPanel, bpy.types.Panel):
-    bl_label = "Age Material"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        age_panel.draw(known(self.layout), context)
+class MATERIAL_PT_tvbrdf_age(_Age, _PropertiesPanel, bpy.types.Panel):
+    pass
 
 
 class NODE_PT_tvbrdf_result(_Result, _SidebarPanel, bpy.types.Panel):

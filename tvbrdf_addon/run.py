@@ -150,6 +150,7 @@ class Run:
 
     `stage`, `fraction` (0 to 1) and `seconds_left` are for the eye; `warnings` and, at its end,
     `aged` (the content of `aged.json`) for the report; `ended_by` says what ended it from outside.
+    `turn` says which it is of how many.
 
     With `preview`, a material that is not aged yet shows a small draft as soon as there is one
     (`previewing`), until the result comes; without a result it goes back to what it was.
@@ -166,6 +167,7 @@ class Run:
         self.aged: dict[str, Any] = {}
         self.cancel_requested = False
         self.ended_by = ""
+        self.turn = (1, 1)
         self._worker = worker
         self._computing_since: float | None = None
         self._uv_map: UVMap | None = None
@@ -200,6 +202,18 @@ class Run:
     def close(self) -> None:
         """Let go of the worker and of the temporary files."""
         self._steps.close()
+
+    @property
+    def name(self) -> str:
+        """What is aged, for the eye."""
+        turn, count = self.turn
+        return self.plan.material_name + (f" ({turn} of {count})" if count > 1 else "")
+
+    @property
+    def progress(self) -> float:
+        """How far it is with all whose turn it was and will be, 0 to 1."""
+        turn, count = self.turn
+        return (turn - 1 + self.fraction) / count
 
     @property
     def seconds_left(self) -> float | None:

@@ -23,6 +23,7 @@ __all__ = (
     "begin",
     "current",
     "finish",
+    "forget",
     "outcome",
     "register",
     "stop_worker",
@@ -101,6 +102,13 @@ def finish(
     if _current is run:
         _current = None
     _outcome = Outcome(run.plan.material_uid, run.plan.material_name, icon, sentences, next)
+
+
+def forget(material: bpy.types.Material) -> None:
+    """Say no more of how a run of `material` ended."""
+    global _outcome
+    if _outcome is not None and _outcome.material_uid == material.session_uid:
+        _outcome = None
 
 
 def age_and_wait(

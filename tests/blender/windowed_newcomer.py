@@ -122,6 +122,43 @@ def in_properties() -> Steps:
     shoot("row_aged")
 
 
+def several() -> Steps:
+    """All materials of two objects in one action, from the Object menu."""
+    with bpy.context.temp_override(**in_3d_view()):
+        bpy.ops.tvbrdf.revert(material="Material")
+        bpy.ops.mesh.primitive_uv_sphere_add(location=(3, 0, 0))
+    oak = bpy.data.materials.new("Old Oak")
+    oak.use_nodes = True
+    bpy.context.object.data.materials.append(oak)
+    bpy.data.objects["Cube"].select_set(True)
+    with bpy.context.temp_override(**in_3d_view()):
+        bpy.ops.wm.call_menu(name="VIEW3D_MT_object")
+    yield DRAWN
+    shoot("object_menu")
+    yield from key("Escape")
+    # What a script does is no step of its own: the undo that is tried would go back behind it.
+    bpy.ops.ed.undo_push(message="Two objects")
+    with bpy.context.temp_override(**in_3d_view()):
+        bpy.ops.tvbrdf.age_materials("INVOKE_DEFAULT")
+    yield from until(lambda: session().current().turn[0] == 2, 60)
+    yield from until(lambda: session().current().fraction > 0.3, 60)
+    yield DRAWN
+    shoot("several")
+    yield from until(ended)
+    yield DRAWN
+    assert material().tvbrdf.original and oak.tvbrdf.original
+    assert oak.tvbrdf.ntm == "weathered_wood"
+    yield from key("ctrl+z")
+    assert not material().tvbrdf.original, "one undo takes all of them back"
+    assert not bpy.data.materials["Old Oak"].tvbrdf.original
+
+
+def in_3d_view() -> dict[str, object]:
+    area = next(a for a in bpy.context.window.screen.areas if a.type == "VIEW_3D")
+    region = next(each for each in area.regions if each.type == "WINDOW")
+    return {"area": area, "region": region}
+
+
 def everything() -> Steps:
     os.environ["TVBRDF_WORKER"] = str(EXCHANGE / "stub_worker.py")
     os.environ["TVBRDF_STUB_SECONDS"] = "4"
@@ -130,6 +167,7 @@ def everything() -> Steps:
     yield from suits()
     yield from ages()
     yield from in_properties()
+    yield from several()
 
 
 go_through(everything(), "windowed newcomer")
