@@ -166,3 +166,11 @@ def test_a_live_result_costs_the_same_however_many_frames_it_shows():
     learned = rates.after(aged, stored=6 << 20)
     assert learned.write["balanced"] == rates.write["balanced"]
     assert learned.of(Work(BALANCED.texels, 36, "balanced", "affine", live=True)).bytes < few.bytes
+
+
+def test_the_start_of_the_worker_counts_where_it_is_cold():
+    rates = Rates()
+    cold = rates.of(replace(BALANCED, cold=True)).seconds
+    assert cold - rates.of(BALANCED).seconds == pytest.approx(rates.start)
+    assert rates.after(report(BALANCED), 1000).start == rates.start, "it was there"
+    assert rates.after(report(BALANCED), 1000, start=5.0).start == pytest.approx(4.0)

@@ -17,7 +17,7 @@ from .known import scene_of
 from .material.nodes.age import age_path
 from .material.nodes.revert import is_aged
 from .models import purpose_of
-from .operators import material_of
+from .operators import can_have_material, material_of
 from .outlook import look_soon, outlook_of
 from .rates import LONG_SECONDS
 from .run import Run, why_not
@@ -41,7 +41,7 @@ def _time_left(seconds: float) -> str:
 def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     material = material_of(context)
     if material is None:
-        layout.label(text="Give the object a material to age it.")
+        _draw_nothing(layout, context)
         return
     run = session.current()
     column = layout.column()
@@ -52,6 +52,15 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     else:
         _draw_action(layout, context, material)
         _draw_outcome(layout, context, material)
+
+
+def _draw_nothing(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Why there is nothing to age, and the way out."""
+    if not can_have_material(context.object):
+        paragraph(layout, context, "Select an object with a surface, such as a mesh.", "INFO")
+        return
+    paragraph(layout, context, f"“{context.object.name}” has no material yet.", "INFO")
+    layout.operator("tvbrdf.new_material", icon="ADD")
 
 
 @guarded
@@ -129,7 +138,8 @@ def _draw_aged(
 def _draw_forecast(
     layout: bpy.types.UILayout, context: bpy.types.Context, material: bpy.types.Material
 ) -> None:
-    if (expected := outlook_of(material, scene_of(context))) is None:
+    expected = outlook_of(material, scene_of(context), cold=session.is_cold())
+    if expected is None:
         return
     seconds, balanced = expected.estimate.seconds, expected.balanced.seconds
     said = f"About {in_time(seconds)}, {in_bytes(expected.estimate.bytes)}."

@@ -9,7 +9,7 @@ import bpy
 
 from . import session
 from .errors import SettingsError
-from .known import scene_of
+from .known import known, scene_of
 from .log import said_of
 from .material.binding.freeze import freeze
 from .material.nodes.record import is_live
@@ -17,7 +17,15 @@ from .material.nodes.revert import is_aged, revert
 from .material.reading.chosen import object_with
 from .redraw import redraw
 
-__all__ = ("CLASSES", "OnMaterial", "Target", "find_material", "is_shown", "material_of")
+__all__ = (
+    "CLASSES",
+    "OnMaterial",
+    "Target",
+    "can_have_material",
+    "find_material",
+    "is_shown",
+    "material_of",
+)
 
 
 def material_of(context: bpy.types.Context) -> bpy.types.Material | None:
@@ -29,6 +37,11 @@ def material_of(context: bpy.types.Context) -> bpy.types.Material | None:
     if getattr(context, "material", None) is not None:
         return context.material
     return context.object.active_material if context.object is not None else None
+
+
+def can_have_material(obj: bpy.types.Object | None) -> bool:
+    """Whether an object has a surface that a material can be given to."""
+    return obj is not None and obj.library is None and hasattr(obj.data, "materials")
 
 
 def find_material(name: str) -> bpy.types.Material:
@@ -86,6 +99,28 @@ def is_shown(context: bpy.types.Context) -> bool:
     A script names its material instead, which `poll` cannot see.
     """
     return context.area is not None and context.area.type in {"NODE_EDITOR", "PROPERTIES"}
+
+
+class TVBRDF_OT_new_material(bpy.types.Operator):
+    """Give the object a material with a Principled BSDF, which can be aged"""
+
+    bl_idname = "tvbrdf.new_material"
+    bl_label = "New Material"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not can_have_material(context.object):
+            cls.poll_message_set("There is no object with a surface")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        material = bpy.data.materials.new("Material")
+        if bpy.app.version < (5, 0):
+            material.use_nodes = True
+        known(context.object).active_material = material
+        return {"FINISHED"}
 
 
 class TVBRDF_OT_start_here(OnMaterial, bpy.types.Operator):
@@ -205,6 +240,7 @@ class TVBRDF_OT_freeze(_OnAgedMaterial, bpy.types.Operator):
 
 
 CLASSES = (
+    TVBRDF_OT_new_material,
     TVBRDF_OT_start_here,
     TVBRDF_OT_start_anywhere,
     TVBRDF_OT_cancel,

@@ -72,8 +72,12 @@ _next_look = 0.0
 _rates: Rates | None = None
 
 
-def outlook_of(material: bpy.types.Material, scene: bpy.types.Scene) -> Outlook | None:
-    """What aging `material` will take; None until it has been looked at, soon after."""
+def outlook_of(
+    material: bpy.types.Material, scene: bpy.types.Scene, *, cold: bool = False
+) -> Outlook | None:
+    """What aging `material` will take, with the start of the worker where it is `cold`; None until
+    the material has been looked at, soon after.
+    """
     uids = (material.session_uid, scene.session_uid)
     look_soon(material, scene)
     settings = material.tvbrdf
@@ -96,6 +100,7 @@ def outlook_of(material: bpy.types.Material, scene: bpy.types.Scene) -> Outlook 
         live=settings.binding == LIVE,
         grows=settings.onset == AUTO,
         maps=settings.onset == AUTO and uids[0] not in _mapped,
+        cold=cold,
     )
     rates = _kept_rates()
     return Outlook(size, why, rates.of(work), rates.of(replace(work, quality=BALANCED)))
@@ -114,13 +119,15 @@ def learn(
     *,
     before: float = 0.0,
     maps: float = 0.0,
+    start: float = 0.0,
 ) -> None:
     """Remember what the run took whose report is `aged` and whose files lie in `folder`: before the
-    worker had it, and of its surface's maps (0: those of a run before were kept).
+    worker had it, of its surface's maps (0: those of a run before were kept) and of the worker's
+    start (0: it was there).
     """
     global _rates
     stored = sum(path.stat().st_size for path in folder.iterdir())
-    _rates = _kept_rates().after(aged, stored, before=before, maps=maps)
+    _rates = _kept_rates().after(aged, stored, before=before, maps=maps, start=start)
     if "surface" in aged:
         _mapped.add(material.session_uid)
     if (path := preferences.user_file(RATES)) is not None:

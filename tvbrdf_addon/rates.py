@@ -1,6 +1,6 @@
 """What a run will take, from what the last ones took on this machine.  Imports no bpy.
 
-    seconds = overhead + maps + points + laid * texels
+    seconds = start + overhead + maps + points + laid * texels
               + model * (texels where every texel is modeled, else 1)
               + fit + write * frames * texels
     bytes = stored * frames * texels
@@ -8,7 +8,7 @@
 `write` and `stored` are one number for each quality, and another for live results, which store one
 frame, as it were, and are fitted once; and `model` one for each quality and kind of temporal model
 (through latents or not). Where nothing grows on a surface there are no `maps`, `points` and `laid`,
-and no `maps` where they are kept from a run before.
+and no `maps` where they are kept from a run before; and no `start` where a worker waits.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _TELLING = 1_000_000
 @dataclass(frozen=True)
 class Work:
     """What is asked for: `texels` a frame, `frames` frames, how they are modeled, whether the
-    shader is to make them (`live`), whether aging grows on a surface, and whether its maps are yet
-    to be made.
+    shader is to make them (`live`), whether aging grows on a surface, whether its maps are yet to
+    be made, and whether the worker is to start first (`cold`).
     """
 
     texels: int
@@ -50,6 +50,7 @@ class Work:
     live: bool = False
     grows: bool = False
     maps: bool = False
+    cold: bool = False
 
     @property
     def written(self) -> int:
@@ -103,6 +104,7 @@ class Rates:
 
     overhead: float = 0.6
     fit: float = 0.3
+    start: float = 3.0
     surface: Mapping[str, float] = field(default_factory=lambda: _FIRST["surface"])
     write: Mapping[str, float] = field(default_factory=lambda: _FIRST["write"])
     stored: Mapping[str, float] = field(default_factory=lambda: _FIRST["stored"])
@@ -118,6 +120,7 @@ class Rates:
             for rate in (
                 rates.overhead,
                 rates.fit,
+                rates.start,
                 *(each for of in tables.values() for each in of.values()),
             ):
                 if not 0 <= rate < CENTURY:
@@ -133,6 +136,7 @@ class Rates:
         """What `work` will probably take."""
         modeling = self.model[work.kind] * work.modeled + work.live * self.fit
         reading = self.overhead + work.maps * self.surface["maps"] + self._growing(work)
+        reading += work.cold * self.start
         return Estimate(
             seconds=reading + modeling + self.write[work.writing] * work.written,
             bytes=self.stored[work.writing] * work.written,
@@ -142,10 +146,17 @@ class Rates:
         return work.grows * (self.surface["points"] + self.surface["laid"] * work.texels)
 
     def after(
-        self, aged: Mapping[str, Any], stored: int, *, before: float = 0.0, maps: float = 0.0
+        self,
+        aged: Mapping[str, Any],
+        stored: int,
+        *,
+        before: float = 0.0,
+        maps: float = 0.0,
+        start: float = 0.0,
     ) -> Rates:
         """The rates after a run with the report `aged` (`aged.json`) that left `stored` bytes, and
-        took `before` seconds until the worker had it, beside those for `maps` (0: kept).
+        took `before` seconds until the worker had it, beside those for `maps` (0: kept) and those
+        of the worker's `start` (0: it was there).
         """
         height, width = aged["size"]
         seconds: Mapping[Stage, float] = aged["seconds"]
@@ -164,6 +175,7 @@ class Rates:
         known = replace(
             self,
             overhead=_blend(self.overhead, overhead),
+            start=_blend(self.start, start) if start else self.start,
             fit=_blend(self.fit, seconds["fit"]) if "fit" in seconds else self.fit,
             surface=self._surface_after(work, seconds["onset"], maps),
             model={**self.model, work.kind: model},

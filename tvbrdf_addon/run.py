@@ -6,6 +6,7 @@ loading of another file, would leave it dangling.  It keeps session uids.
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Iterator
@@ -41,6 +42,8 @@ __all__ = ("Plan", "Run", "plan", "take_preview_back", "why_not")
 
 # Until this much is done and this much time has passed, time left would be a guess.
 GUESS_FRACTION, GUESS_SECONDS = 0.05, 2.0
+# Before a worker says how far it is, the bar goes on by itself, ever more slowly, up to a tenth.
+_LEAST, _CREEP, _CREEP_SECONDS = 0.01, 0.1, 8.0
 # Longer side of a preview's textures; without images of twice that it would show little less.
 PREVIEW_SIZE = 128
 
@@ -171,7 +174,8 @@ class Run:
         self._worker = worker
         self._computing_since: float | None = None
         self._uv_map: UVMap | None = None
-        self._before = self._mapping = 0.0
+        self._before = self._mapping = self._starting = 0.0
+        self._began = time.monotonic()
         self._steps = self._all_steps()
 
     def step(self) -> bool:
@@ -213,7 +217,9 @@ class Run:
     def progress(self) -> float:
         """How far it is with all whose turn it was and will be, 0 to 1."""
         turn, count = self.turn
-        return (turn - 1 + self.fraction) / count
+        waited = time.monotonic() - self._began
+        creeping = _LEAST + (_CREEP - _LEAST) * (1 - math.exp(-waited / _CREEP_SECONDS))
+        return (turn - 1 + max(self.fraction, creeping)) / count
 
     @property
     def seconds_left(self) -> float | None:
@@ -328,6 +334,7 @@ class Run:
             raise
 
     def _listen(self, verb: Verb, request: dict[str, Any]) -> Iterator[None]:
+        cold, asked = not self._worker.alive, time.monotonic()
         for message in ask(self._worker, verb, request, cancelled=lambda: self.cancel_requested):
             self._material()
             match message:
@@ -337,6 +344,7 @@ class Run:
                 case Progress(stage, fraction):
                     if self._computing_since is None:
                         self._computing_since = time.monotonic()
+                        self._starting = cold * (self._computing_since - asked)
                     self.stage, self.fraction = stage.capitalize(), max(self.fraction, fraction)
                 case Notice(text):
                     self.warnings.append(text)
@@ -363,7 +371,10 @@ class Run:
         self.previewing = False
         note_result(material, self.plan.folder, self.size_reason)
         outlook.learn(
-            *(material, self.aged, self.plan.folder), before=self._before, maps=self._mapping
+            *(material, self.aged, self.plan.folder),
+            before=self._before,
+            maps=self._mapping,
+            start=self._starting,
         )
 
     def _material(self) -> bpy.types.Material:

@@ -24,6 +24,7 @@ __all__ = (
     "current",
     "finish",
     "forget",
+    "is_cold",
     "outcome",
     "register",
     "stop_worker",
@@ -62,6 +63,11 @@ def current() -> Run | None:
 def outcome() -> Outcome | None:
     """How the last run ended."""
     return _outcome
+
+
+def is_cold() -> bool:
+    """Whether the next run has to start the worker first."""
+    return _worker is None or not _worker.alive
 
 
 def begin(

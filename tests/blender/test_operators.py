@@ -18,6 +18,7 @@ from tvbrdf.tvbrdf_addon import preferences, session
 from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
 from tvbrdf.tvbrdf_addon.material.nodes.record import is_live
 from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
+from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 from tvbrdf.tvbrdf_addon.run import Run
 
 pytestmark = pytest.mark.usefixtures("stub_worker")
@@ -361,6 +362,30 @@ def test_killing_the_worker_during_a_run(slow: Path):
     assert "killed by signal 9" in str(ending(run))
     assert left_behind(slow) == []
     assert not is_aged(steel())
+
+
+def test_the_bar_goes_on_while_the_worker_starts(slow: Path, monkeypatch):
+    run = stepped(lambda run: run.stage == "Starting the worker")
+    assert run.fraction == 0 and 0.01 <= run.progress < 0.1
+    monkeypatch.setattr("time.monotonic", lambda: run._began + 2.0)
+    later = run.progress
+    assert later >= 0.02
+    monkeypatch.setattr("time.monotonic", lambda: run._began + 60.0)
+    assert later < run.progress <= 0.1
+    run.fraction, run.turn = 0.5, (2, 4)
+    assert run.progress == pytest.approx(0.375)
+    run.cancel()
+    ending(run)
+
+
+def test_an_object_without_a_material_gets_one(empty_scene: bpy.types.Scene):
+    bpy.ops.object.light_add()
+    assert not bpy.ops.tvbrdf.new_material.poll()
+    bpy.ops.object.empty_add()
+    assert not bpy.ops.tvbrdf.new_material.poll()
+    bpy.ops.mesh.primitive_plane_add()
+    assert bpy.ops.tvbrdf.new_material() == {"FINISHED"}
+    assert find_principled(bpy.context.object.active_material)
 
 
 def test_time_left_is_a_guess_from_the_pace(slow: Path, monkeypatch):
