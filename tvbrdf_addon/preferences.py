@@ -10,6 +10,7 @@ import bpy
 
 from ..model_runtime.contract import IDLE_MINUTES, NEEDS_TORCH
 from ..model_runtime.model_files import weights
+from . import tidying
 from .launch import Launch
 from .models import models_in
 
@@ -66,6 +67,7 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         layout.prop(self, "idle_minutes", text="Keep Ready (Minutes)")
         for sentence in _runtime(launch()):
             layout.label(text=sentence, icon="INFO")
+        tidying.draw(layout)
 
 
 def _runtime(how: Launch) -> Sequence[str]:
@@ -128,4 +130,4 @@ def _preferences() -> TVBRDF_AP_preferences | None:
     return addon.preferences if addon is not None else None
 
 
-CLASSES = (TVBRDF_AP_preferences,)
+CLASSES = (TVBRDF_AP_preferences, *tidying.CLASSES)
