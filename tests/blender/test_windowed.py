@@ -30,8 +30,9 @@ def test_the_program_survives_its_worker_and_its_extension(tmp_path: Path) -> No
 
 
 def test_a_newcomer_finds_the_way(tmp_path: Path) -> None:
-    run_in_window(HERE / "windowed_newcomer.py", tmp_path, STUB)
+    run_in_window(HERE / "windowed_newcomer.py", tmp_path, STUB, seconds=400)
     picking, aging = ("first", "copper", "doubt", "grid", "search"), ("progress", "aged")
     in_properties = ("properties", "drop_down", "row_progress", "row_aged")
-    for shot in (*picking, *aging, *in_properties, "object_menu", "several"):
+    nothing = ("light", "no_material", "presets", "preferences")
+    for shot in (*picking, *aging, *in_properties, "object_menu", "several", *nothing):
         assert (tmp_path / f"{shot}.png").stat().st_size > 10_000

@@ -12,6 +12,7 @@ import bpy
 from windowed_steps import (
     DRAWN,
     EXCHANGE,
+    EXTENSION,
     Steps,
     away_with_the_splash_screen,
     ended,
@@ -159,6 +160,30 @@ def in_3d_view() -> dict[str, object]:
     return {"area": area, "region": region}
 
 
+def has_nothing_to_age() -> Steps:
+    """A light, and an object without a material, in the Shading workspace; presets and disk use."""
+    yield from shading()
+    bpy.context.view_layer.objects.active = bpy.data.objects["Light"]
+    redraw()
+    yield 2 * DRAWN
+    shoot("light")
+    cube = bpy.data.objects["Cube"]
+    cube.data.materials.clear()
+    bpy.context.view_layer.objects.active = cube
+    redraw()
+    yield 2 * DRAWN
+    shoot("no_material")
+    with bpy.context.temp_override(**in_shader_editor()):
+        bpy.ops.tvbrdf.new_material()
+        bpy.ops.wm.call_panel(name="TVBRDF_PT_presets")
+    yield 2 * DRAWN
+    shoot("presets")
+    yield from key("Escape")
+    bpy.ops.preferences.addon_show(module=EXTENSION)
+    yield 3 * DRAWN
+    shoot("preferences")
+
+
 def everything() -> Steps:
     os.environ["TVBRDF_WORKER"] = str(EXCHANGE / "stub_worker.py")
     os.environ["TVBRDF_STUB_SECONDS"] = "4"
@@ -168,6 +193,7 @@ def everything() -> Steps:
     yield from ages()
     yield from in_properties()
     yield from several()
+    yield from has_nothing_to_age()
 
 
 go_through(everything(), "windowed newcomer")
