@@ -4,11 +4,12 @@
         [--binding live]
 
 Two workers, one for each, age the same texture sets with every bundled model at draft and balanced,
-one after the other and in turns, so that what else the machine does slows both.  Prints, for each
-model, the least PSNR of the maps that both show (peak 1; of reflectances the square roots; at four
-times), and how long numpy took for a run of PyTorch's: in all, and the median of the runs.  At the
-end how long a worker takes from its start to the first sign of progress.  It needs the data
-(`TVBRDF_DATA`).  Exit code 0 only where all maps are within 60 dB.
+one after the other and in turns.  Prints, for each model, the least PSNR of the maps that both show
+(peak 1; of reflectances the square roots; at four times), the seconds of a core that all runs took,
+which what else the machine does hardly changes, how many times PyTorch's numpy's are, and that of
+the runs' seconds as a median.  At the end how long a worker takes from its start to the first sign
+of progress.  It needs the data (`TVBRDF_DATA`) and Linux.  Exit code 0 only where all maps are
+within 60 dB.
 """
 
 from __future__ import annotations
@@ -55,6 +56,12 @@ class Worker:
             text=True,
         )
 
+    @property
+    def core_seconds(self) -> float:
+        """What it has computed so far."""
+        stat = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
+
     def said(self, job: dict[str, Any]) -> Iterator[dict[str, Any]]:
         """What it says of a job, to the end."""
         assert self._process.stdin is not None and self._process.stdout is not None
@@ -83,17 +90,17 @@ class Worker:
 
 @dataclass
 class Found:
-    """Of one model: least dB, and the seconds of each run with either."""
+    """Of one model: least dB, the seconds of a core, and the ratio of the runs' seconds."""
 
     db: float = _MOST_DB
-    torch: list[float] = field(default_factory=list)
-    numpy: list[float] = field(default_factory=list)
+    torch: float = 0.0
+    numpy: float = 0.0
+    ratios: list[float] = field(default_factory=list)
 
     def row(self, name: str) -> str:
-        ratios = [ours / theirs for ours, theirs in zip(self.numpy, self.torch, strict=True)]
         return (
-            f"| {name} | {self.db:.0f} | {sum(self.torch):.1f} | {sum(self.numpy):.1f} | "
-            f"{sum(self.numpy) / sum(self.torch):.2f} | {statistics.median(ratios):.2f} |"
+            f"| {name} | {self.db:.0f} | {self.torch:.1f} | {self.numpy:.1f} | "
+            f"{self.numpy / self.torch:.2f} | {statistics.median(self.ratios):.2f} |"
         )
 
 
@@ -155,9 +162,14 @@ def main() -> int:
                 for quality in QUALITIES:
                     job = {"input": str(source), "ntm": name, "quality": quality}
                     job |= {"size": options.size, "binding": options.binding}
+                    took: dict[str, float] = {}
                     for backend, worker in workers.items():
+                        before = worker.core_seconds
                         said = worker.age({**job, "output": str(places[backend])})
-                        getattr(mine, backend).append(sum(said["seconds"].values()))
+                        took[backend] = sum(said["seconds"].values())
+                        computed = worker.core_seconds - before
+                        setattr(mine, backend, getattr(mine, backend) + computed)
+                    mine.ratios.append(took[NUMPY] / took[TORCH])
                     db = near(source, options.size, *places.values())
                     if db < DB:
                         print(f"{source.name} {name} {quality}: {db:.1f} dB", flush=True)
@@ -169,8 +181,9 @@ def main() -> int:
         starts = {each: min(cold(each, job) for _ in range(_STARTS)) for each in (TORCH, NUMPY)}
     everything = Found(
         min(each.db for each in found.values()),
-        [seconds for each in found.values() for seconds in each.torch],
-        [seconds for each in found.values() for seconds in each.numpy],
+        sum(each.torch for each in found.values()),
+        sum(each.numpy for each in found.values()),
+        [ratio for each in found.values() for ratio in each.ratios],
     )
     print(everything.row("all"))
     print(", ".join(f"{name}: first progress after {s:.1f} s" for name, s in starts.items()))
