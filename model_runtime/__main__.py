@@ -1,6 +1,10 @@
 """`python -m model_runtime age | info | serve`."""
 
+import os
 import sys
+
+# Before numpy is imported: products of matrices are small here, and a second thread waits for both.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 try:
     from .cli import main
