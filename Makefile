@@ -30,11 +30,12 @@ READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready \
     build/wheels/small/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects thumbnails extension extensions small repository wheels test test-blenders types format clean
+.PHONY: help demo objects examples thumbnails extension extensions small repository wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
 	@echo "make objects        age five objects by every model, into out/objects.jpg"
+	@echo "make examples       three aged materials for the Asset Browser, and a scene, into out/examples"
 	@echo "make thumbnails     the pictures by which models are picked, beside the models"
 	@echo "make extension      build the zip to install in Blender, for PLATFORM (WHEELS=none: without torch)"
 	@echo "make extensions     build that of each platform: $(PLATFORMS)"
@@ -56,6 +57,12 @@ objects: $(READY)
 	@mkdir -p out && extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
 	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
 	    .venv-blender/bin/python tests/demo/weathered_objects.py "$$extension" out/objects.jpg
+
+examples: $(READY)
+	@extension=$$(.venv/bin/python .ci/extension.py build --small --wheels build/wheels --output build) \
+	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
+	    .venv-blender/bin/python tests/demo/example_files.py "$$extension" \
+	    "$(CURDIR)/.venv/bin/python" out/examples
 
 thumbnails: $(READY)
 	@extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \
