@@ -200,6 +200,13 @@ def test_each_operation_gives_the_same_numbers(name: str):
     same(compute, apart=2e-3 if name == "lerp of halves" else 1e-5)
 
 
+def test_products_are_the_same_without_a_library_for_them():
+    products = on_numpy.products
+    assert products.has_library()
+    for a, b in ((ROWS, OTHERS.T), (BATCH[0], BATCH[1]), (BATCH, BATCH)):
+        np.testing.assert_allclose(products.by_sums(a, b), a @ b, atol=1e-5)
+
+
 class TestNetworks:
     @pytest.mark.parametrize("given", [False, True], ids=["first", "later"])
     def test_a_cell_remembers_alike(self, given: bool):

@@ -65,8 +65,9 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
             layout.label(text=f"{len(left_out) - MOST_SENTENCES} more files are no models.")
         layout.prop(self, "worker_python", placeholder="Comes with the extension")
         layout.prop(self, "idle_minutes", text="Keep Ready (Minutes)")
-        for sentence in _runtime(launch()):
-            layout.label(text=sentence, icon="INFO")
+        column = layout.column(align=True)
+        for number, sentence in enumerate(_runtime(launch())):
+            column.label(text=sentence, icon="BLANK1" if number else "INFO")
         tidying.draw(layout)
 
 
@@ -76,7 +77,7 @@ def _runtime(how: Launch) -> Sequence[str]:
         return ("Computes with the libraries of that Python.",)
     if how.has_torch:
         return ("Computes with PyTorch.",)
-    return ("Computes with NumPy: materials age as they do with PyTorch.", " ".join(NEEDS_TORCH))
+    return ("Computes with NumPy: materials age as they do with PyTorch.", *NEEDS_TORCH)
 
 
 def model_folders() -> Sequence[Path]:

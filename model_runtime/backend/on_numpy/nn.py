@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from .products import matmul
+from .products import matmul, times
 from .tensor import Array, Number, Tensor
 
 __all__ = (
@@ -132,10 +132,10 @@ class LSTMCell(Module):
 
     def forward(self, x: Tensor, memory: tuple[Tensor, Tensor] | None) -> tuple[Tensor, Tensor]:
         """The next memory: hidden and cell states [N, W]."""
-        gates = x.array @ self.weight_ih.array.T
+        gates = times(x.array, self.weight_ih.array.T)
         gates += self.bias_ih.array + self.bias_hh.array
         if memory is not None:
-            gates += memory[0].array @ self.weight_hh.array.T
+            gates += times(memory[0].array, self.weight_hh.array.T)
         width = gates.shape[1] // 4
         taken, kept, new, shown = (gates[:, at * width : (at + 1) * width] for at in range(4))
         cell = _sigmoid(taken) * np.tanh(new)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import NamedTuple
 
 import numpy as np
@@ -26,11 +27,28 @@ class Eigen(NamedTuple):
     vectors: Tensor
 
 
+def has_library() -> bool:
+    """Whether numpy has a library for products of matrices. PyPI's has, Blender's own has none."""
+    built = importlib.import_module("numpy.__config__")
+    if hasattr(built, "CONFIG"):
+        return bool(built.CONFIG["Build Dependencies"]["blas"].get("found"))
+    return bool(built.get_info("blas_opt"))  # of what was built by setup.py
+
+
+def by_sums(a: Array, b: Array) -> Array:
+    """a @ b, several times as fast as numpy's own product without a library."""
+    return np.einsum("ij,jk->ik", a, b) if a.ndim == b.ndim == 2 else a @ b
+
+
+times = np.matmul if has_library() else by_sums
+"""The product of two arrays."""
+
+
 def matmul(x: Tensor, y: Tensor) -> Tensor:
     a, b = common(x.array, y)
     if a.ndim > 2 and b.ndim == 2:  # one product instead of many small ones
-        return Tensor((a.reshape(-1, a.shape[-1]) @ b).reshape(*a.shape[:-1], b.shape[1]))
-    return tensor_of(a @ b)
+        return Tensor(times(a.reshape(-1, a.shape[-1]), b).reshape(*a.shape[:-1], b.shape[1]))
+    return tensor_of(times(a, b))
 
 
 def bmm(x: Tensor, y: Tensor) -> Tensor:
