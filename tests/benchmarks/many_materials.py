@@ -6,8 +6,9 @@
 Each material has a texture, a mesh and an object of its own; all are aged by one `age_material
 --all --save-as`, each count in a process of its own.  With `--grows` they start by their surface,
 else everywhere at once.  With `--stub` the worker computes nothing: the rest is the add-on's.
-"Last" against "first" is what the last tenth of the materials took against the first tenth: 1
-where nothing grows with what is in the file already.
+"Of Blender" are seconds of a processor that its process used for each, whatever else runs on the
+machine.  "Last / first" is what the last tenth of the materials took over what the first tenth did:
+1 where nothing grows with what is in the file already.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ from tvbrdf.tvbrdf_addon.headless.command import main as age_material
 
 STUB = Path(__file__).resolve().parents[1] / "stub_worker.py"
 COLUMNS = (
-    *("materials", "seconds", "s each", "last / first", "s to choose", "s to save", "s to open"),
+    *("materials", "seconds", "s each", "last / first", "of Blender", "last / first of Blender"),
+    *("s to choose", "s to save", "s to open"),
     *("Blender MB", "worker MB", "workers", "files", "MB", ".blend MB"),
 )
 
@@ -58,14 +60,17 @@ class Watch:
     def __init__(self) -> None:
         self.begun: list[float] = []
         self.seconds: list[float] = []
+        self.busy: list[float] = []
         self.workers: set[int | None] = set()
         self.worker_mb = 0.0
         self._age, session.age_and_wait = session.age_and_wait, self.age_and_wait
 
     def age_and_wait(self, *arguments, **settings):
         self.begun.append(time.perf_counter())
+        busy = time.process_time()
         run = self._age(*arguments, **settings)
         self.seconds.append(time.perf_counter() - self.begun[-1])
+        self.busy.append(time.process_time() - busy)
         self.workers.add(session._worker.pid)
         self.worker_mb = max(self.worker_mb, run.aged["peak_rss_mb"])
         return run
@@ -86,9 +91,6 @@ def measured(count: int, size: int, words: list[str]) -> dict[str, float]:
     opened = time.perf_counter()
     bpy.ops.wm.open_mainfile(filepath=str(Path("aged.blend").absolute()))
     opened = time.perf_counter() - opened
-    tenth = max(count // 10, 1)
-    # The first waits for the worker to start.
-    first, last = np.median(watch.seconds[1 : 1 + tenth]), np.median(watch.seconds[-tenth:])
     return dict(
         zip(
             COLUMNS,
@@ -96,7 +98,9 @@ def measured(count: int, size: int, words: list[str]) -> dict[str, float]:
                 count,
                 ended - started,
                 np.mean(watch.seconds[1:]),
-                last / first,
+                growth(watch.seconds),
+                np.mean(watch.busy[1:]),
+                growth(watch.busy),
                 watch.begun[0] - started,
                 ended - watch.begun[-1] - watch.seconds[-1],
                 opened,
@@ -110,6 +114,12 @@ def measured(count: int, size: int, words: list[str]) -> dict[str, float]:
             strict=True,
         )
     )
+
+
+def growth(seconds: list[float]) -> float:
+    """What the last tenth took over what the first did, without the one that waits for a worker."""
+    tenth = max(len(seconds) // 10, 1)
+    return float(np.median(seconds[-tenth:]) / np.median(seconds[1 : 1 + tenth]))
 
 
 def main() -> None:
