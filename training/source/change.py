@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from model_runtime.channels import ALPHA_MIN
 from model_runtime.temporal.onset import rate_map
 from model_runtime.temporal.pace import Timing
-from model_runtime.temporal.processes import PACE, growth_of
+from model_runtime.temporal.processes import growth_of
 
 from ..data.sequences import Sequence, uniform_times
 from ..data.weathering import initial_values
@@ -41,7 +41,6 @@ _OTHERS = 40  # and of the patchwork of materials that the process may meet
 _SOONER, _LATE, _CLOSER = 0.95, 0.745, 0.4
 """What starts last, closely one after the other, has time to weather as far as its source did."""
 
-_STEADY = ((0.0, 0.02), (0.1, 0.10), (1.0, 0.93))
 _SHARES = 1025
 _PATTERN = 128  # texels a side of the pattern that tells the statistics of the rates
 
@@ -138,11 +137,9 @@ def _weaker(change: Change, kept: float) -> float:
 
 
 def _timing(change: Change, process: str, seed: int) -> Timing:
-    """The source's pattern and size; the pace of the process, or a steady one where it has none of
-    its own: one scan cannot tell.
-    """
+    """The source's pattern and size, and the pace of the process: one scan cannot tell it."""
     pace = growth_of(process, None).pace
-    onset = np.interp(np.linspace(0, 1, _SHARES), *np.transpose(_STEADY if pace is PACE else pace))
+    onset = np.interp(np.linspace(0, 1, _SHARES), *np.transpose(pace))
     onset *= _SOONER
     onset -= _CLOSER * np.maximum(onset - _LATE, 0)
     rate = rate_map(process, (_PATTERN, _PATTERN), seed=seed)
