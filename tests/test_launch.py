@@ -61,6 +61,14 @@ def test_the_preference_goes_before_the_environment(monkeypatch):
     assert Launch(runtime=ROOT, interpreter=sys.executable).command()[1] == "-c"
 
 
+def test_whether_pytorch_came_along_is_seen_without_a_worker(tmp_path: Path):
+    launch = Launch(runtime=ROOT, site_packages=(tmp_path,))
+    assert not launch.has_torch
+    assert Launch(runtime=ROOT, interpreter=sys.executable).has_torch  # it may
+    (tmp_path / "torch").mkdir()
+    assert launch.has_torch
+
+
 @pytest.mark.parametrize(
     "path", ["python3", "./python3", "bin/python3", "//python3", "~no_such_user/python3"]
 )

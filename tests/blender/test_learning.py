@@ -175,3 +175,10 @@ def test_nothing_is_learned_from_nothing(home: Path):
     assert not bpy.ops.tvbrdf.cancel_learning.poll()
     bpy.context.window_manager.tvbrdf_lesson.title = "New"
     assert not bpy.ops.tvbrdf.learn.poll()
+
+
+def test_without_pytorch_it_says_what_is_missing(home: Path, monkeypatch: pytest.MonkeyPatch):
+    material = scanned()
+    monkeypatch.delenv("TVBRDF_WORKER")
+    with pytest.raises(SettingsError, match="needs PyTorch"):
+        of(material)
