@@ -26,12 +26,14 @@ import argparse
 import ast
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
 import sysconfig
 import tempfile
 import tomllib
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -49,6 +51,8 @@ LEARNING = ("training", "training.__main__", "training.learn_command")
 """Modules of `training` that are packed with whatever of it the last imports, wherever in it."""
 SMALL = ("OpenEXR", "pillow", "safetensors")
 """The pins that aging needs besides Blender's numpy; the others are torch, and what that needs."""
+NO_TEXTURE = re.compile(r"PIL/_avif\.|.*/libavif")
+"""Files of Pillow that read AVIF, which no texture is in: a third of it, and it does without."""
 TORCH_INDEX = "https://download.pytorch.org/whl/cpu"
 
 # Tags that wheels of a platform, by Blender's name, may carry; and its build of torch without CUDA,
@@ -188,6 +192,22 @@ def content_hash(wheels: list[Path]) -> str:
     return digest.hexdigest()
 
 
+def pack_wheel(wheel: Path, target: Path) -> None:
+    """Copy a wheel, without what no zip needs."""
+    if not wheel.name.startswith("pillow-"):
+        shutil.copyfile(wheel, target)
+        return
+    with zipfile.ZipFile(wheel) as old, zipfile.ZipFile(target, "w") as new:
+        for entry in old.infolist():
+            if NO_TEXTURE.match(entry.filename):
+                continue
+            content = old.read(entry)
+            if entry.filename.endswith(".dist-info/RECORD"):
+                lines = content.decode().splitlines(keepends=True)
+                content = "".join(line for line in lines if not NO_TEXTURE.match(line)).encode()
+            new.writestr(entry, content)
+
+
 def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
     """Copy the extension into `folder`, wheels and a manifest that lists them included."""
     for file in packed_files():
@@ -198,7 +218,7 @@ def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
         return
     (folder / "wheels").mkdir()
     for wheel in wheels:
-        shutil.copyfile(wheel, folder / "wheels" / wheel.name)
+        pack_wheel(wheel, folder / "wheels" / wheel.name)
     added = {
         "platforms": [platform],
         "wheels": [f"./wheels/{wheel.name}" for wheel in wheels],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
@@ -81,6 +82,18 @@ def test_the_small_zip_brings_what_aging_needs_for_both_pythons(small_zip: Path)
     for library in ("openexr", "pillow"):
         tags = {wheel.split("-")[2] for wheel in wheels if wheel.startswith(library)}
         assert tags == {"cp311", "cp313"}
+
+
+def test_no_wheel_lists_what_was_left_out_of_it(small_zip: Path) -> None:
+    with zipfile.ZipFile(small_zip) as archive:
+        pillow = next(name for name in archive.namelist() if "/pillow-" in name)
+        with zipfile.ZipFile(io.BytesIO(archive.read(pillow))) as wheel:
+            names = {name for name in wheel.namelist() if not name.endswith("/")}
+            record = next(name for name in names if name.endswith("/RECORD"))
+            listed = {line.split(",")[0] for line in wheel.read(record).decode().splitlines()}
+    assert listed == names
+    assert "PIL/AvifImagePlugin.py" in names
+    assert not [name for name in names if "libavif" in name]
 
 
 def test_zip_holds_what_belongs_and_nothing_else(extension_zip: Path) -> None:
