@@ -171,8 +171,9 @@ class _OfMaterial:
 class _Age:
     bl_label = "Age Material"
 
-    def draw_header_preset(self, _context: bpy.types.Context) -> None:
-        TVBRDF_PT_presets.draw_panel_header(known(self.layout))
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        if material_of(context) is not None:
+            TVBRDF_PT_presets.draw_panel_header(known(self.layout))
 
     def draw(self, context: bpy.types.Context) -> None:
         age_panel.draw(known(self.layout), context)

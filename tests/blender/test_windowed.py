@@ -34,5 +34,5 @@ def test_a_newcomer_finds_the_way(tmp_path: Path) -> None:
     picking, aging = ("first", "copper", "doubt", "grid", "search"), ("progress", "aged")
     in_properties = ("properties", "drop_down", "row_progress", "row_aged")
     nothing = ("light", "no_material", "presets", "preferences")
-    for shot in (*picking, *aging, *in_properties, "object_menu", "several", *nothing):
+    for shot in (*picking, *aging, *in_properties, "several", *nothing):
         assert (tmp_path / f"{shot}.png").stat().st_size > 10_000

@@ -124,7 +124,7 @@ def in_properties() -> Steps:
 
 
 def several() -> Steps:
-    """All materials of two objects in one action, from the Object menu."""
+    """All materials of two objects in one action."""
     with bpy.context.temp_override(**in_3d_view()):
         bpy.ops.tvbrdf.revert(material="Material")
         bpy.ops.mesh.primitive_uv_sphere_add(location=(3, 0, 0))
@@ -132,11 +132,6 @@ def several() -> Steps:
     oak.use_nodes = True
     bpy.context.object.data.materials.append(oak)
     bpy.data.objects["Cube"].select_set(True)
-    with bpy.context.temp_override(**in_3d_view()):
-        bpy.ops.wm.call_menu(name="VIEW3D_MT_object")
-    yield DRAWN
-    shoot("object_menu")
-    yield from key("Escape")
     # What a script does is no step of its own: the undo that is tried would go back behind it.
     bpy.ops.ed.undo_push(message="Two objects")
     with bpy.context.temp_override(**in_3d_view()):
