@@ -156,6 +156,9 @@ def main() -> int:
     workers = {backend: Worker(backend) for backend in (TORCH, NUMPY)}
     with tempfile.TemporaryDirectory() as temporary:
         places = {backend: Path(temporary) / backend for backend in workers}
+        first = {"input": str(materials[0]), "ntm": "rust", "size": 64}
+        for backend, worker in workers.items():
+            worker.age({**first, "output": str(places[backend])})  # what is imported is not counted
         for name in options.models.split(","):
             mine = found[name] = Found()
             for source in materials[: options.materials]:
@@ -177,7 +180,7 @@ def main() -> int:
             print(mine.row(name), flush=True)
         for worker in workers.values():
             worker.end()
-        job = {"input": str(materials[0]), "ntm": "rust", "size": 64, "output": f"{temporary}/cold"}
+        job = {**first, "output": f"{temporary}/cold"}
         starts = {each: min(cold(each, job) for _ in range(_STARTS)) for each in (TORCH, NUMPY)}
     everything = Found(
         min(each.db for each in found.values()),
