@@ -30,12 +30,13 @@ READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready \
     build/wheels/small/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects examples thumbnails extension extensions small repository wheels test test-blenders types format clean
+.PHONY: help demo objects examples tutorial thumbnails extension extensions small repository wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
 	@echo "make objects        age five objects by every model, into out/objects.jpg"
 	@echo "make examples       three aged materials for the Asset Browser, and a scene, into out/examples"
+	@echo "make tutorial       the pictures of docs/tutorial.md, and what its clicks took"
 	@echo "make thumbnails     the pictures by which models are picked, beside the models"
 	@echo "make extension      build the zip to install in Blender, for PLATFORM (WHEELS=none: without torch)"
 	@echo "make extensions     build that of each platform: $(PLATFORMS)"
@@ -63,6 +64,9 @@ examples: $(READY)
 	&& BLENDER_USER_RESOURCES="$(CURDIR)/build/demo-profile" \
 	    .venv-blender/bin/python tests/demo/example_files.py "$$extension" \
 	    "$(CURDIR)/.venv/bin/python" out/examples
+
+tutorial: $(READY)
+	@.venv/bin/python tests/demo/tutorial.py docs/tutorial
 
 thumbnails: $(READY)
 	@extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \

@@ -33,14 +33,22 @@ needs_window = pytest.mark.skipif(
 
 
 def run_in_window(
-    script: Path, exchange: Path, *beside: Path, seconds: int = 240, screen: str = "1600x1000"
-) -> None:
+    script: Path,
+    exchange: Path,
+    *beside: Path,
+    seconds: int = 240,
+    screen: str = "1600x1000",
+    worker: bool = False,
+) -> str:
     """Run a script in a window, where it can import `windowed_steps` and the files `beside` it.
 
-    The working tree is installed there as the extension.  `exchange` is /exchange to the script,
-    which ends within `seconds`; one that fails raises an AssertionError with what it printed.
+    The working tree is installed there as the extension, with `worker` such that it ages without
+    a stand-in.  `exchange` is /exchange to the script, which ends within `seconds`; one that fails
+    raises an AssertionError with what it printed.  Returns what it printed.
     """
-    build = [sys.executable, str(ROOT / ".ci" / "extension.py"), "build", "--wheels", "none"]
+    wheels = ["--small", "--wheels", str(ROOT / "build" / "wheels")]
+    build = [sys.executable, str(ROOT / ".ci" / "extension.py"), "build"]
+    build += wheels if worker else ["--wheels", "none"]
     built = subprocess.run(
         [*build, "--output", str(ROOT / "build")], check=True, capture_output=True, text=True
     )
@@ -58,6 +66,7 @@ def run_in_window(
         check=False,
     )
     assert run.returncode == 0, run.stdout[-5000:]
+    return run.stdout
 
 
 def unpack_numpy(folder: Path) -> None:

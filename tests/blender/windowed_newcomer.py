@@ -15,6 +15,7 @@ from windowed_steps import (
     EXTENSION,
     Steps,
     away_with_the_splash_screen,
+    click,
     ended,
     go_through,
     key,
@@ -58,6 +59,7 @@ def suits() -> Steps:
     yield 2 * DRAWN
     # On the picture: all of them.
     yield from click(1095, 680)
+    yield DRAWN
     shoot("grid")
     yield from key("Escape")
     with bpy.context.temp_override(**in_shader_editor()):
@@ -93,14 +95,6 @@ def in_shader_editor() -> dict[str, object]:
     return {"area": area, "region": region}
 
 
-def click(x: int, y: int) -> Steps:
-    for near in (4, 0):
-        subprocess.run(["xdotool", "mousemove", str(x - near), str(y)], check=True)
-        yield 0.3
-    subprocess.run(["xdotool", "click", "1"], check=True)
-    yield 2 * DRAWN
-
-
 def in_properties() -> Steps:
     """The default Layout workspace's Material properties."""
     bpy.context.window.workspace = bpy.data.workspaces["Layout"]
@@ -111,6 +105,7 @@ def in_properties() -> Steps:
     yield 2 * DRAWN
     shoot("properties")
     yield from click(1581, 529)
+    yield DRAWN
     shoot("drop_down")
     yield from key("Escape")
     with bpy.context.temp_override(area=area):

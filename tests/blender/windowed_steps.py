@@ -42,6 +42,17 @@ def key(name: str) -> Steps:
     yield DRAWN
 
 
+def click(x: int, y: int) -> Steps:
+    """A click at a place of the screen; twice moved to, as what lies under a still mouse is not
+    found.
+    """
+    for near in (4, 0):
+        subprocess.run(["xdotool", "mousemove", str(x - near), str(y)], check=True)
+        yield 0.3
+    subprocess.run(["xdotool", "click", "1"], check=True)
+    yield DRAWN
+
+
 def away_with_the_splash_screen() -> Steps:
     yield 1.0
     yield from key("Escape")
