@@ -83,7 +83,7 @@ def account_of(
 
 def _residues(modeled: AgedTexels, start: Start, live: Fitted | None) -> dict[str, Any]:
     """What says how grain and heights are to be read, where there are any."""
-    residues = modeled.residues
+    residues = modeled.residues if live is None else live.residues
     if residues is None:
         return {}
     return {

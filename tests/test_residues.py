@@ -117,6 +117,10 @@ def test_where_there_is_little_room_the_grain_stays():
     assert torch.equal(less.coefficients, own.coefficients)
     assert torch.equal(less.shapes, own.shapes)
     assert torch.equal(less.height, own.height)
+    least = more.within(2)
+    assert least.grain == 2
+    assert torch.equal(least.coefficients, own.coefficients[:2])
+    assert torch.equal(least.shapes, own.shapes[:2])
 
 
 def test_curves_at_other_ages_are_straight_between_their_own():

@@ -13,7 +13,7 @@ from ..channels import ALPHA, KD, KS, optics
 from ..maps import PrincipledMaps, TorranceSparrowMaps
 from ..modelling.compose import AgedTexels
 from ..modelling.palette import look, viewed
-from ..modelling.residues import Residues
+from ..modelling.residues import LEAST_GRAIN, Residues
 from ..states import joined
 from .low_rank import MOST_COEFFICIENTS, LowRank, at_ages, fit_low_rank
 
@@ -57,7 +57,7 @@ def fit_live(
     if not aged.histories.states.isfinite().all():
         return None
     residues = aged.residues
-    most = MOST_COEFFICIENTS - (0 if residues is None else residues.grain)
+    most = MOST_COEFFICIENTS - (0 if residues is None else min(residues.grain, LEAST_GRAIN))
     aged = replace(aged, residues=None)
     whole = fit_low_rank(aged)
     index, count = aged.palette.index, len(aged.initial)

@@ -13,10 +13,13 @@ from ..surface.laying import lay_grain, tile_side
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course
 
-__all__ = ("HEIGHT_PLACE", "Laid", "Residues", "lay")
+__all__ = ("HEIGHT_PLACE", "LEAST_GRAIN", "Laid", "Residues", "lay")
 
 HEIGHT_PLACE = WIDTH
 """Where the height lies in shapes, after the channels of a state."""
+
+LEAST_GRAIN = 3
+"""Components of grain, the first of which show most, that a live material always has room for."""
 
 
 @dataclass(frozen=True)
@@ -93,14 +96,16 @@ class Residues:
         return replace(self, shapes=shapes, height=ages @ self.height)
 
     def within(self, room: int) -> Residues:
-        """Those with at most so many coefficients, for which there is room for the grain: what is
-        worn then has the relief of the others.
+        """Those with at most so many coefficients: what is worn then has the relief of the others,
+        and of the grain what shows least is left out.
         """
-        assert room >= self.grain
         if len(self.shapes) <= room:
             return self
-        first = len(self.shapes) - self.grain
-        return replace(self, coefficients=self.coefficients[first:], shapes=self.shapes[first:])
+        first, grain = len(self.shapes) - self.grain, min(self.grain, room)
+        kept = slice(first, first + grain)
+        return replace(
+            self, coefficients=self.coefficients[kept], shapes=self.shapes[kept], grain=grain
+        )
 
     def select(self, rows: Tensor) -> Residues:
         """Only those of the texels `rows`."""

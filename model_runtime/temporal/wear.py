@@ -20,7 +20,7 @@ _NEAR = 0.3  # distance from it at which a texel is on it, likewise
 _EARLIEST = 0.2  # age; before it hardly anything has happened yet,
 _MOST = 0.8  # unless so much of the way is gone
 _FADING = 0.5  # share of that distance over which texels are ever less on it
-_BEGINNING = 0.1  # age over which, after the earliest, they are ever more on it
+_BEGINNING = 0.1  # age over which, after the earliest, they are ever more on it, if all is left
 _MOSTLY = 0.75  # share of worn texels beyond which the others only look a little different
 _WIDER = 2.0
 _STAINED, _STRENGTHS = 0.85, 18  # of the way that materials go: how far the strongest stain is
@@ -36,11 +36,13 @@ class Course:
     ages: [A] from where they look alike, up to 1; none where they never do
     states: [A, C], the mean over materials
     near: distance (perceptual) up to which a texel is on it
+    beginning: age over which texels are ever more on it
     """
 
     ages: Tensor
     states: Tensor
     near: float
+    beginning: float
 
     def widened_to(self, parameters: Tensor) -> Course:
         """One that takes in all of a material [n, C] that is worn nearly all over, its darkest and
@@ -75,8 +77,7 @@ class Course:
             distance, place = away.min(1)
             age[part] = self.ages[place]
             near = ((1 - distance / self.near) / _FADING + 0.5).clamp(0, 1)
-            beginning = _BEGINNING * self.ages[0] / _EARLIEST  # a quick course begins quickly
-            share[part] = near * ((age[part] - self.ages[0]) / beginning).clamp(0, 1)
+            share[part] = near * ((age[part] - self.ages[0]) / self.beginning).clamp(0, 1)
         return age, share
 
     def sound(self, parameters: Tensor) -> Tensor:
@@ -121,7 +122,10 @@ def course_of(ntm: NeuralTemporalModel) -> Course:
     gone = int(((mean - mean[-1]).norm(dim=-1) < (1 - _MOST) * way).int().argmax())
     first = max(first, min(gone, math.ceil(_EARLIEST * (ntm.frames - 1))))
     ages = torch.linspace(0, 1, ntm.frames)[first:]
-    return Course(ages, mean[first:].square(), _NEAR * way)
+    # The more is gone at first, the sooner that is told from what has not begun; not at once, or
+    # texels that nearly look alike would not age alike.
+    left = float((mean[first:] - mean[-1]).norm(dim=-1).max()) / way if len(ages) else 1.0
+    return Course(ages, mean[first:].square(), _NEAR * way, _BEGINNING * math.sqrt(min(left, 1.0)))
 
 
 def stains_of(ntm: NeuralTemporalModel) -> tuple[float, ...]:
