@@ -92,7 +92,7 @@ def change_of(
     before = (distance.clip(max=0) / curves.first)[:, None]
     after = (distance.clip(min=0) / curves.last)[:, None]
     mean += before * (curves.clean - mean[0]) + after * (end - mean[-1])
-    mean += gone[:, None] * (ages[:, None] - 1) * (curves.drift / 2)
+    mean += gone[:, None] * (ages[:, None] - 1) * curves.drift
     mean[:, HEIGHT] -= mean[0, HEIGHT]
     mean[:, HEIGHT] /= side
     clean = maps.values[scan.distance < min(curves.first, -1.0)]
