@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import bpy
 
 from ...known import tree_of
-from .ownership import TAG, user_count
+from .ownership import TAG, once_unread, user_count
 
 __all__ = (
     "Animated",
@@ -86,7 +86,12 @@ def _sources(action: bpy.types.Action) -> list[bpy.types.Action]:
 
 def _remove_unused(action: bpy.types.Action) -> None:
     """Removes an action of ours that nothing uses, and those that it was copied from."""
-    if TAG in action and user_count(action) == 0:
+    if TAG in action:
+        once_unread(_remove_action, action)
+
+
+def _remove_action(action: bpy.types.Action) -> None:
+    if user_count(action) == 0:
         sources = _sources(action)
         bpy.data.actions.remove(action)
         for each in sources[:1]:

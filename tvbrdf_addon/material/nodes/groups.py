@@ -14,7 +14,7 @@ from typing import Literal
 import bpy
 
 from ...errors import MaterialError
-from .ownership import TAG, user_count
+from .ownership import TAG, once_unread, user_count
 from .surface import Place
 
 __all__ = (
@@ -116,10 +116,14 @@ def _remove_added(copy: bpy.types.NodeTree) -> None:
 def remove_unused(copies: Iterable[bpy.types.NodeTree]) -> None:
     """Removes those of such copies that nothing shows, and the copies in them."""
     for copy in set(copies):
-        if user_count(copy) == 0:
-            inner = [node.node_tree for node in owned_groups(copy)]
-            bpy.data.node_groups.remove(copy)
-            remove_unused(inner)
+        once_unread(_remove_copy, copy)
+
+
+def _remove_copy(copy: bpy.types.NodeTree) -> None:
+    if user_count(copy) == 0:
+        inner = [node.node_tree for node in owned_groups(copy)]
+        bpy.data.node_groups.remove(copy)
+        remove_unused(inner)
 
 
 def feed(
