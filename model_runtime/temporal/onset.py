@@ -139,13 +139,14 @@ def _noise(
     longer = max(shape)
     total = np.zeros(shape, np.float32, order="F")  # as `_spline` has it
     for k, wave in enumerate(waves):
+        chance = rng.spawn(1)[0]  # also of the first that is not drawn: what follows depends on it
         if max(wave.down, wave.across) > longer and k > 0:
             break
         rows, columns = (
             max(1, min(round(cells * texels / longer), max(texels, _MOST_CELLS)))
             for cells, texels in zip(wave[:2], shape, strict=True)
         )
-        lattice = rng.spawn(1)[0].uniform(-1.7, 1.7, (rows, columns))
+        lattice = chance.uniform(-1.7, 1.7, (rows, columns))
         total += np.float32(wave.height) * _spline(lattice, shape, tileable)
     return total
 
