@@ -92,7 +92,7 @@ def show_result(extension: str, material: bpy.types.Material, folder: Path) -> d
         "result": folder.name,
         "size": size,
         "frames": frames,
-        "files": sum(path.suffix == ".exr" for path in folder.iterdir()),
+        "files": sum(path.suffix in (".exr", ".png") for path in folder.iterdir()),
         "sequences": sequences,
         "stills": len(textures) - sequences,
     }
