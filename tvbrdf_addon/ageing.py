@@ -185,7 +185,6 @@ class TVBRDF_OT_age_materials(_Ages, bpy.types.Operator):
 
     bl_idname = "tvbrdf.age_materials"
     bl_label = "Age Materials of Selected"
-    done = "{} ages"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

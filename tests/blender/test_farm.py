@@ -19,7 +19,7 @@ from tests.blender.three_planes import aged, build
 from tvbrdf.tvbrdf_addon.headless.parser import parser
 
 HERE = Path(__file__).resolve().parent
-FARM = HERE.parents[1] / "farm"
+FARM = HERE.parents[1] / "docs" / "farm"
 TEMPLATE = FARM / "age_materials.openjd.yaml"
 MANAGER = """
 const kept = [];

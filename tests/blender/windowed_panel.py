@@ -21,6 +21,7 @@ from windowed_steps import (
     EXCHANGE,
     Steps,
     away_with_the_splash_screen,
+    click,
     ended,
     go_through,
     key,
@@ -100,15 +101,6 @@ def press(number: int) -> Steps:
     assert len(found) > number, f"there are only {len(found)} buttons: {found}"
     x, y = found[number]
     yield from click(x, y)
-
-
-def click(x: int, y: int) -> Steps:
-    subprocess.run(["xdotool", "mousemove", str(x - 3), str(y)], check=True)
-    yield 0.2
-    subprocess.run(["xdotool", "mousemove", str(x), str(y)], check=True)
-    yield 0.2
-    subprocess.run(["xdotool", "click", "1"], check=True)
-    yield DRAWN
 
 
 def start() -> Steps:
