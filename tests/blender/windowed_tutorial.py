@@ -134,7 +134,7 @@ def first_states() -> Steps:
     yield 4 * DRAWN
     shoot("start")
     # With a warm worker and few texels a run would be over before it is drawn.
-    bpy.context.object.active_material.tvbrdf.size = 2048
+    bpy.context.object.active_material.tvbrdf.size = 4096
     with bpy.context.temp_override(area=area_of("PROPERTIES")):
         bpy.ops.tvbrdf.age_material("INVOKE_DEFAULT")
     yield from until(lambda: ended() or session().current().fraction > 0.2, PATIENCE)
