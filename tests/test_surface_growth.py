@@ -216,6 +216,15 @@ def test_what_is_kept_of_the_last_growth_is_never_another_s(block):
     np.testing.assert_array_equal(onset_of(block).onset, before)
 
 
+def test_the_size_that_is_told_of_a_learned_pattern_draws_it_again():
+    small = atlas_of(BLOCK, 128)
+    learned = Timing.of(np.linspace(0, 0.8), scale=0.035)
+    told = onset_of(small, size=128, timing=learned)
+    again = onset_of(small, size=128, timing=learned, pattern_size=told.account["pattern_size"])
+    onsets = (each.onset[small.covered] for each in (told, again))
+    assert rank_correlation(*onsets) > 0.99
+
+
 def test_the_same_again_takes_no_time(block):
     first = onset_of(block)
     started = time.process_time()

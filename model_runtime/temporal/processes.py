@@ -89,6 +89,7 @@ class Growth:
             across=self.across * zoom,
             down=self.down * zoom,
             up=self.up * zoom,
+            scale=self.scale * zoom,
             border=tuple(wave.scaled(1 / zoom) for wave in self.border),
         )
 
