@@ -32,7 +32,7 @@ from .representation.measured import Encoded, encode_measured
 from .run import Reporter, Run
 from .temporal.domain import FOREIGN_SHARE
 
-__all__ = ("AgeRequest", "Reporter", "age")
+__all__ = ("AgeRequest", "Reporter", "age", "device_of")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
@@ -89,7 +89,7 @@ def _one_thread() -> Iterator[None]:
 
 def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     run.progress("read", 0.0)
-    device = _device(run.request.device)
+    device = device_of(run.request.device)
     start = read_start(run)
     _require_room(run, start, staged, live=start.may_be_live)
     counted = start.counted
@@ -265,7 +265,7 @@ def _rung(run: Run, start: Start, initial: Tensor) -> str:
     return rung
 
 
-def _device(wanted: str) -> torch.device:
+def device_of(wanted: str) -> torch.device:
     """The device called `wanted`; of `auto`, CUDA's where there is one, else the CPU.
 
     Apple's GPUs are not among them: the fit needs double precision. Raises UsageError where there

@@ -7,15 +7,23 @@ Exit codes: 0 done, 1 failed with a reason, 2 wrong usage, 128 and its number fo
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
+import math
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from . import serve
 from .console import Parser, Terminal, fill_closed_streams, flush, log_of, say, write_out
 from .contract import (
     AUTO,
+    CACHE,
+    CACHE_GIGABYTES,
+    CACHE_GIGABYTES_OPTION,
+    CACHE_OPTION,
+    CACHE_SECONDS,
     CHOICES,
     CPU,
     DEVICES,
@@ -32,6 +40,7 @@ from .contract import (
 )
 from .errors import Cancelled, OutputError, TvbrdfError, UsageError
 from .memory import memory_in_words
+from .output.kept import Kept
 from .request import cards, load_age, request_from
 from .signals import EndedBySignal, EndingSignals
 
@@ -83,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
 
     age = commands.add_parser("age", help="age one material", allow_abbrev=False)
     _add_age_options(age)
+    _add_cache_options(age)
     age.set_defaults(run=_age)
 
     info = commands.add_parser("info", help="list the models", allow_abbrev=False)
@@ -98,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="M",
         help=f"end after so long without a run ({IDLE_MINUTES:g})",
     )
+    _add_cache_options(worker)
     worker.set_defaults(run=_serve)
     return parser
 
@@ -159,10 +170,35 @@ def _add_age_options(age: argparse.ArgumentParser) -> None:
     age.add_argument("--json", action="store_true", help=f"print {REPORT} on stdout")
 
 
+def _add_cache_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        CACHE_OPTION,
+        metavar="DIR",
+        default=os.environ.get(CACHE),
+        help=f"keep results there, and take from there what is the very same ({CACHE}, or none)",
+    )
+    command.add_argument(
+        CACHE_GIGABYTES_OPTION,
+        type=float,
+        default=CACHE_GIGABYTES,
+        metavar="GB",
+        help=f"as much as is kept ({CACHE_GIGABYTES:g})",
+    )
+
+
+def _kept(arguments: argparse.Namespace) -> Kept | None:
+    if not 0 <= arguments.cache_gb < math.inf:
+        raise UsageError(f"{CACHE_GIGABYTES_OPTION} must be a number of gigabytes, 0 or more.")
+    if not arguments.cache or not arguments.cache_gb:
+        return None
+    return Kept(Path(arguments.cache).absolute(), arguments.cache_gb * 1e9)
+
+
 def _age(arguments: argparse.Namespace, ending: EndingSignals) -> None:
-    fields = {k: v for k, v in vars(arguments).items() if k not in ("run", "json")}
+    names = {field.name for field in dataclasses.fields(AgeRequest)}
+    fields = {name: value for name, value in vars(arguments).items() if name in names}
     stdout = serve.claim_stdout()
-    age = load_age()
+    age = load_age(_kept(arguments))
     reporter = Terminal(ending)
     try:
         aged = age(request_from(fields), reporter)
@@ -171,11 +207,12 @@ def _age(arguments: argparse.Namespace, ending: EndingSignals) -> None:
     if arguments.json:
         write_out(json.dumps(aged, indent=2), stdout)
         return
-    seconds = sum(aged["seconds"].values())
+    seconds = aged.get(CACHE_SECONDS, sum(aged["seconds"].values()))
     height, width = aged["size"]
     what = "A live material" if aged["binding"] == LIVE else f"{aged['frames']} frames"
     on = "" if aged["device"] == CPU else f" on {aged['device']}"
-    done = f"{what} of {width} x {height} in {seconds:.1f} s{on}: {arguments.output}"
+    how = " from the cache" if CACHE_SECONDS in aged else on
+    done = f"{what} of {width} x {height} in {seconds:.1f} s{how}: {arguments.output}"
     write_out("\n".join((*aged["plan"], done)), stdout)
 
 
@@ -192,6 +229,6 @@ def _serve(arguments: argparse.Namespace, _ending: EndingSignals) -> None:
     if not 0 < arguments.idle_minutes <= _MOST_IDLE_MINUTES:
         raise UsageError(f"{IDLE_OPTION} must be more than 0 and at most {_MOST_IDLE_MINUTES:.0f}.")
     try:
-        serve.serve(idle_seconds=arguments.idle_minutes * 60)
+        serve.serve(idle_seconds=arguments.idle_minutes * 60, kept=_kept(arguments))
     except EndedBySignal as end:
         os._exit(end.exit_code)  # as `serve` ends

@@ -18,6 +18,11 @@ __all__ = (
     "BACKEND",
     "BALANCED",
     "BINDINGS",
+    "CACHE",
+    "CACHE_GIGABYTES",
+    "CACHE_GIGABYTES_OPTION",
+    "CACHE_OPTION",
+    "CACHE_SECONDS",
     "CHOICES",
     "COEFFICIENTS_A_FILE",
     "CONSTANT",
@@ -85,6 +90,16 @@ SERVE = "serve"
 IDLE_OPTION = "--idle-minutes"
 IDLE_MINUTES = 10.0
 """How long a worker waits for a next run unless `SERVE` is given another time."""
+
+CACHE: Final = "TVBRDF_CACHE"
+"""The environment variable that names a folder for results that are kept (`output.kept`)."""
+
+CACHE_OPTION, CACHE_GIGABYTES_OPTION = "--cache", "--cache-gb"
+CACHE_GIGABYTES = 2.0
+"""How much of them is kept unless another number is given; nothing at 0."""
+
+CACHE_SECONDS: Final = "cache_seconds"
+"""In `aged.json` of a result that was kept: what it took to put it in its place."""
 
 
 class Told(NamedTuple):

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from .contract import (
 from .errors import ModelFileError, TvbrdfError, UsageError, reason, shown
 from .memory import check_limits, memory_in_words
 from .model_files import weights
+from .output.kept import Kept
 
 __all__ = ("MissingLibraryError", "cards", "load_age", "load_look", "request_from")
 
@@ -39,14 +41,19 @@ class MissingLibraryError(TvbrdfError):
     code = "missing_library"
 
 
-def load_age() -> Callable[..., dict[str, Any]]:
-    """The function `age.age`, whose import takes seconds where it takes torch.
+def load_age(kept: Kept | None = None) -> Callable[..., dict[str, Any]]:
+    """The function `age.age`, whose import takes seconds where it takes torch; where results are
+    `kept`, it takes them.
 
     Raises:
         MissingLibraryError: a library is absent or does not load.
         OutOfMemoryError: there is not enough memory for them.
     """
     with _loading():
+        if kept is not None:
+            from .keeping import age_or_take
+
+            return partial(age_or_take, kept=kept)
         from .age import age
     return age
 

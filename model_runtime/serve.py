@@ -22,6 +22,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, BinaryIO, TextIO
 
 from . import __version__
@@ -40,6 +41,7 @@ from .messages import (
     Reply,
     Request,
 )
+from .output.kept import Kept
 from .request import MissingLibraryError, cards, load_age, load_look, request_from
 
 __all__ = ("Server", "claim_stdout", "serve")
@@ -55,12 +57,21 @@ LONGEST_LINE = 1 << 20
 class Server:
     """Answers the requests that come in on `requests` with lines on `replies`.
 
-    `idle_seconds` is how long it waits for a next run before it ends.
+    `idle_seconds` is how long it waits for a next run before it ends; results are taken from what
+    is `kept`.
     """
 
-    def __init__(self, *, requests: BinaryIO, replies: TextIO, idle_seconds: float) -> None:
+    def __init__(
+        self,
+        *,
+        requests: BinaryIO,
+        replies: TextIO,
+        idle_seconds: float,
+        kept: Kept | None = None,
+    ) -> None:
         self._requests = requests
         self._replies = replies
+        self._kept = kept
         self._idle_seconds = min(idle_seconds, threading.TIMEOUT_MAX)
         self._reply_lock = threading.Lock()
         self._busy = threading.Event()
@@ -75,7 +86,7 @@ class Server:
         self._busy.set()
         for work in (self._read, self._give_signs_of_life):
             threading.Thread(target=work, daemon=True).start()
-        _warm_up()
+        _warm_up(self._kept)
         self._say(Loaded())
         while True:
             self._busy.clear()
@@ -117,7 +128,8 @@ class Server:
             return True
         match request.verb:
             case "age" | "look":
-                self._accept(_Run(self, request))
+                load = load_look if request.verb == "look" else partial(load_age, self._kept)
+                self._accept(_Run(self, request, load))
             case "cancel":
                 self._answer(request.id, lambda: self._cancel_run(request.args.get("id")))
             case "info":
@@ -197,10 +209,12 @@ class Server:
 class _Run:
     """One `age` or `look` request, and the reporter that it gives to whoever carries it out."""
 
-    def __init__(self, server: Server, request: Request) -> None:
+    def __init__(
+        self, server: Server, request: Request, load: Callable[[], Callable[..., dict[str, Any]]]
+    ) -> None:
         self.id = request.id
         self._server = server
-        self._load = load_look if request.verb == "look" else load_age
+        self._load = load
         self._args = request.args
         self._cancelled = threading.Event()
 
@@ -223,7 +237,7 @@ class _Run:
         return self._cancelled.is_set()
 
 
-def serve(*, idle_seconds: float) -> None:
+def serve(*, idle_seconds: float, kept: Kept | None = None) -> None:
     """Serve on this process's stdin and stdout, keeping both from everything else in it.
 
     A library that prints, or a child that reads, must not get between the messages.
@@ -233,7 +247,7 @@ def serve(*, idle_seconds: float) -> None:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
-    Server(requests=requests, replies=replies, idle_seconds=idle_seconds).serve()
+    Server(requests=requests, replies=replies, idle_seconds=idle_seconds, kept=kept).serve()
     # Not sys.exit: the reading thread may hold `requests`, whose lock the shutdown would wait for.
     sys.stderr.flush()
     os._exit(0)
@@ -247,10 +261,10 @@ def claim_stdout() -> TextIO:
     return claimed
 
 
-def _warm_up() -> None:
+def _warm_up(kept: Kept | None) -> None:
     """Import what computes before the first run; what stands in the way is told by that."""
     try:
-        load_age()
+        load_age(kept)
     except MissingLibraryError as error:
         print(error, file=sys.stderr)
     except Exception:

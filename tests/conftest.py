@@ -13,6 +13,8 @@ extension, as Blender does: `from tvbrdf.tvbrdf_addon.material.binding import bi
 
 `paint`, `steel`: folders with maps of painted steel (64 px) and with one uniform texel of steel.
 
+`signals_as_before`: for tests of commands that set handlers of signals in this process.
+
 `rusting`: a folder with a short, small rust sequence to train a model on.
 
 `worker`: the stub worker, as Blender would start it; `script(code)`: one made of a few lines.
@@ -27,6 +29,7 @@ from __future__ import annotations
 import importlib.abc
 import importlib.util
 import os
+import signal
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
@@ -130,6 +133,16 @@ def rusting(place: Path) -> Path:
     folder = place / "rusting"
     weathering.write("rust", folder, size=24, frames=6)
     return folder
+
+
+@pytest.fixture
+def signals_as_before() -> Iterator[None]:
+    """The command ignores signals at its end, as its process has none left to heed."""
+    before = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    yield
+    for number, handler in before.items():
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
 
 
 @pytest.fixture

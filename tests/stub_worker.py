@@ -202,10 +202,18 @@ def write_exr(path: Path, rows: list[list[tuple[float, ...]]]) -> None:
 
 
 def stand_in(ages: Callable[..., dict]) -> None:
-    """Let this process's worker age by `ages`, and look by `look`."""
-    for name, function in (("age", ages), ("look", look)):
+    """Let this process's worker age by `ages`, whatever was kept, and look by `look`."""
+
+    def age_or_take(request: AgeRequest, reporter: object, kept: object) -> dict:
+        return ages(request, reporter)
+
+    for name, contents in (
+        ("age", {"age": ages}),
+        ("keeping", {"age_or_take": age_or_take}),
+        ("look", {"look": look}),
+    ):
         module = types.ModuleType(f"model_runtime.{name}")
-        setattr(module, name, function)
+        vars(module).update(contents)
         sys.modules[f"model_runtime.{name}"] = module
 
 

@@ -112,6 +112,7 @@ def test_what_was_given_is_quoted_in_part_and_plainly(option: str):
         ["age"],
         ["sing"],
         *(["serve", "--idle-minutes", each] for each in ("0", "nan", "inf", "1e300")),
+        *(["serve", "--cache-gb", each] for each in ("-1", "nan", "inf", "much")),
     ],
 )
 def test_incomplete_commands_are_exit_code_2(words: list[str]):

@@ -47,6 +47,20 @@ def test_the_workers_python_is_not_the_users(tmp_path: Path, monkeypatch):
     }
 
 
+def test_results_are_kept_where_the_environment_says_or_else_the_extension(
+    tmp_path: Path, monkeypatch
+):
+    monkeypatch.delenv("TVBRDF_CACHE", raising=False)
+    launch = Launch(runtime=ROOT, interpreter=str(STUB), cache=tmp_path, cache_gigabytes=0.5)
+    assert launch.command()[-4:] == ["--cache", str(tmp_path), "--cache-gb", "0.5"]
+    monkeypatch.setenv("TVBRDF_CACHE", str(tmp_path / "farm"))
+    assert launch.cache_folder == tmp_path / "farm"
+    assert str(tmp_path / "farm") in launch.command()
+    monkeypatch.setenv("TVBRDF_CACHE", "")
+    assert launch.cache_folder is None
+    assert "--cache" not in launch.command()
+
+
 def test_a_chosen_python_keeps_its_own_packages(tmp_path: Path):
     """A CUDA build of torch elsewhere must not be hidden by the wheels of the extension."""
     launch = Launch(runtime=ROOT, site_packages=(tmp_path,), interpreter=sys.executable)

@@ -43,6 +43,12 @@ def test_what_was_modeled_written_and_said(tmp_path: Path):
     assert report.warnings == ("Something to know.",)
 
 
+def test_a_result_that_was_kept_is_told_from_one_that_was_made(tmp_path: Path):
+    *_, took, kept = report_in(written(tmp_path, cache_seconds=0.1)).sentences
+    assert "in 8 s at" in took
+    assert kept == "Kept from an earlier run of the very same, which took that time."
+
+
 @pytest.mark.parametrize(("device", "said"), [("cpu", "8 s at"), ("cuda", "8 s on cuda at")])
 def test_another_device_than_the_cpu_is_said(tmp_path: Path, device: str, said: str):
     assert said in report_in(written(tmp_path, device=device)).sentences[-1]

@@ -8,7 +8,15 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..model_runtime.contract import IDLE_MINUTES, IDLE_OPTION, SERVE
+from ..model_runtime.contract import (
+    CACHE,
+    CACHE_GIGABYTES,
+    CACHE_GIGABYTES_OPTION,
+    CACHE_OPTION,
+    IDLE_MINUTES,
+    IDLE_OPTION,
+    SERVE,
+)
 from .errors import WorkerError
 
 __all__ = ("ENVIRONMENT_VARIABLE", "Launch")
@@ -31,14 +39,17 @@ class Launch:
 
     `interpreter` is a Python chosen by the user, or a script that speaks the protocol (`.py`);
     empty means `TVBRDF_WORKER`, and without that Blender's own Python together with
-    `site_packages`, where Blender has unpacked the extension's wheels.  `lesson` is what it is to
-    learn, as arguments of `training`; without one it serves.
+    `site_packages`, where Blender has unpacked the extension's wheels.  It keeps results in the
+    folder `cache`, or in that which `TVBRDF_CACHE` names.  `lesson` is what it is to learn, as
+    arguments of `training`; without one it serves.
     """
 
     runtime: Path
     site_packages: tuple[Path, ...] = ()
     interpreter: str = ""
     idle_minutes: float = IDLE_MINUTES
+    cache: Path | None = None
+    cache_gigabytes: float = CACHE_GIGABYTES
     lesson: tuple[str, ...] = ()
 
     @property
@@ -49,6 +60,12 @@ class Launch:
         chosen = self.interpreter or os.environ.get(ENVIRONMENT_VARIABLE)
         return bool(chosen) or any((folder / "torch").is_dir() for folder in self.site_packages)
 
+    @property
+    def cache_folder(self) -> Path | None:
+        """Where results are kept; None where none are."""
+        chosen = os.environ.get(CACHE)
+        return self.cache if chosen is None else Path(chosen).absolute() if chosen else None
+
     def command(self) -> list[str]:
         """The command line of the worker.
 
@@ -56,6 +73,9 @@ class Launch:
             WorkerError: the chosen interpreter is not there, or not given by its whole path.
         """
         module, arguments = SERVING, [SERVE, IDLE_OPTION, f"{self.idle_minutes:g}"]
+        if (cache := self.cache_folder) is not None:
+            arguments += [CACHE_OPTION, str(cache)]
+            arguments += [CACHE_GIGABYTES_OPTION, f"{self.cache_gigabytes:g}"]
         if self.lesson:
             module, arguments = LEARNING, list(self.lesson)
         path = self._chosen()

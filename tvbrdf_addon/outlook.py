@@ -15,7 +15,7 @@ from typing import Any
 
 import bpy
 
-from ..model_runtime.contract import AUTO, BALANCED, EVERYWHERE, LIVE, LSTM_LATENTS
+from ..model_runtime.contract import AUTO, BALANCED, CACHE_SECONDS, EVERYWHERE, LIVE, LSTM_LATENTS
 from . import preferences, properties, suiting
 from .errors import MaterialError
 from .known import by_uid, known
@@ -123,13 +123,15 @@ def learn(
 ) -> None:
     """Remember what the run took whose report is `aged` and whose files lie in `folder`: before the
     worker had it, of its surface's maps (0: those of a run before were kept) and of the worker's
-    start (0: it was there).
+    start (0: it was there).  A result that was kept tells nothing new, or of another machine.
     """
     global _rates
-    stored = sum(path.stat().st_size for path in folder.iterdir())
-    _rates = _kept_rates().after(aged, stored, before=before, maps=maps, start=start)
     if "surface" in aged:
         _mapped.add(material.session_uid)
+    if CACHE_SECONDS in aged:
+        return
+    stored = sum(path.stat().st_size for path in folder.iterdir())
+    _rates = _kept_rates().after(aged, stored, before=before, maps=maps, start=start)
     if (path := preferences.user_file(RATES)) is not None:
         # On a full disk only the next start of Blender knows less.
         with contextlib.suppress(OSError):

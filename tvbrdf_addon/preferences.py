@@ -8,9 +8,9 @@ from pathlib import Path
 
 import bpy
 
-from ..model_runtime.contract import IDLE_MINUTES, NEEDS_TORCH
+from ..model_runtime.contract import CACHE_GIGABYTES, IDLE_MINUTES, NEEDS_TORCH
 from ..model_runtime.model_files import weights
-from . import tidying
+from . import keeping, tidying
 from .launch import Launch
 from .models import models_in
 
@@ -52,6 +52,17 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
         max=7 * 24 * 60,
         soft_max=60,
     )
+    keep_gigabytes: bpy.props.FloatProperty(
+        name="Keep Results",
+        description=(
+            "Gigabytes of results that are kept apart from all files: aging the same material by "
+            "the same settings again, here or in another file, takes no time. 0 keeps none"
+        ),
+        default=CACHE_GIGABYTES,
+        min=0.0,
+        soft_max=50.0,
+        precision=1,
+    )
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
@@ -65,10 +76,12 @@ class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
             layout.label(text=f"{len(left_out) - MOST_SENTENCES} more files are no models.")
         layout.prop(self, "worker_python", placeholder="Comes with the extension")
         layout.prop(self, "idle_minutes", text="Keep Ready (Minutes)")
+        layout.prop(self, "keep_gigabytes", text="Keep Results (GB)")
         column = layout.column(align=True)
         for number, sentence in enumerate(_runtime(launch())):
             column.label(text=sentence, icon="BLANK1" if number else "INFO")
         tidying.draw(layout)
+        keeping.draw(layout, launch().cache_folder)
 
 
 def _runtime(how: Launch) -> Sequence[str]:
@@ -113,6 +126,8 @@ def launch() -> Launch:
         site_packages=(extensions / ".local" / "lib" / python / "site-packages",),
         interpreter=preferences.worker_python if preferences else "",
         idle_minutes=preferences.idle_minutes if preferences else IDLE_MINUTES,
+        cache=user_file("cache"),
+        cache_gigabytes=preferences.keep_gigabytes if preferences else CACHE_GIGABYTES,
     )
 
 
@@ -131,4 +146,4 @@ def _preferences() -> TVBRDF_AP_preferences | None:
     return addon.preferences if addon is not None else None
 
 
-CLASSES = (TVBRDF_AP_preferences, *tidying.CLASSES)
+CLASSES = (TVBRDF_AP_preferences, *tidying.CLASSES, *keeping.CLASSES)

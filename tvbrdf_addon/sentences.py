@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from ..model_runtime.contract import AUTO, CPU, REPORT, RUNGS, option
+from ..model_runtime.contract import AUTO, CACHE_SECONDS, CPU, REPORT, RUNGS, option
 from ..model_runtime.errors import shown
 from .estimate import in_bytes, in_time
 from .small_json import read_json
@@ -22,6 +22,8 @@ _MOST_FRAMES = 1 << 20
 _MOST_FILES = 1 << 17
 _MOST_SENTENCES = 50
 _LONGEST_SENTENCE = 600
+
+_KEPT = "Kept from an earlier run of the very same, which took that time."
 
 _MODEL_OPTION = option("temporal_model")
 
@@ -88,6 +90,7 @@ def _understood(aged: dict[str, Any], folder: Path) -> Report:
             f"{frames} frame{'s' * (frames > 1)} of {width} x {height} px, {in_bytes(stored)}, "
             f"in {in_time(seconds)}{_on(aged.get('device'))} "
             f"at quality {shown(aged['quality']).capitalize()}.",
+            *((_KEPT,) if CACHE_SECONDS in aged else ()),
         ),
         warnings=_sentences(aged["warnings"]),
     )

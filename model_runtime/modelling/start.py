@@ -92,7 +92,7 @@ def read_start(run: Run) -> Start:
     request = run.request
     with run.timed("read"):
         models, hashes = _read_models(run)
-        with _unchanged(*input_files(request.input)):
+        with _unchanged(*input_files(request.input).values()):
             material = read_input(request.input, size=request.size)
             hashes["input"] = hash_input(request.input)
             maps_size = (1, 1) if isinstance(material, MeasuredBRDF) else material.size

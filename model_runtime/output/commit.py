@@ -25,16 +25,17 @@ import os
 import shutil
 import stat
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from ..contract import EARLIER, REPORT, is_result_file, staging_places
 from ..errors import OutputError, shown
 from ..signals import undisturbed
 from .holding import held, hold, let_go
 
-__all__ = ("clear", "commit", "is_free", "recover", "require_free")
+__all__ = ("clear", "commit", "is_free", "listed", "recover", "require_free")
 
 _MOST_REPORTED = 1 << 26  # bytes
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
@@ -219,10 +220,17 @@ def _reported(folder: Path) -> set[str] | None:
         status = (folder / REPORT).stat()
         if not stat.S_ISREG(status.st_mode) or status.st_size > _MOST_REPORTED:
             return None
-        files = json.loads((folder / REPORT).read_text(encoding="utf-8"))["files"]
-        return {name for name in _texts([*files.values()]) if is_result_file(name)}
+        return listed(json.loads((folder / REPORT).read_text(encoding="utf-8")))
     except (FileNotFoundError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
+
+
+def listed(report: Mapping[str, Any]) -> set[str]:
+    """Names that a `report` lists and that are named as ours.
+
+    Raises LookupError, TypeError or AttributeError for what is no report.
+    """
+    return {name for name in _texts([*report["files"].values()]) if is_result_file(name)}
 
 
 def _texts(value: object) -> Iterator[str]:

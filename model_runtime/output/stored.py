@@ -105,6 +105,10 @@ class StagedResult:
         """Likewise [H, W, 3 or 4] as a PNG file."""
         self._queue(name, partial(write_png, pixels=pixels))
 
+    def write_file(self, name: str, content: bytes) -> None:
+        """Likewise a file as it is."""
+        self._queue(name, lambda path: path.write_bytes(content))
+
     def finish(self) -> None:
         """Wait until everything queued is written."""
         self._settle(0)
@@ -121,7 +125,7 @@ class StagedResult:
         except OSError as error:
             raise self._unwritable(error) from error
 
-    def _queue(self, name: str, write: Callable[[Path], None]) -> None:
+    def _queue(self, name: str, write: Callable[[Path], object]) -> None:
         def written() -> int:
             """The size of the file in bytes."""
             path = self._staging / name

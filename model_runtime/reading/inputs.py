@@ -78,14 +78,14 @@ def read_covered(path: str | Path, size: tuple[int, int]) -> NDArray[np.bool_] |
 
 def hash_input(path: str | Path) -> dict[str, str]:
     """SHA-256 of every file that `read_input` reads, by name: what makes a run repeatable."""
-    return {file.name: hash_file(file) for file in input_files(path)}
+    files = sorted(set(input_files(path).values()))
+    return {file.name: hash_file(file) for file in files}
 
 
-def input_files(path: str | Path) -> list[Path]:
-    """Every file that `read_input` reads, by name."""
+def input_files(path: str | Path) -> dict[str, Path]:
+    """Every file that `read_input` reads, by what it holds."""
     path = Path(path)
-    files = _choose_files(path).values() if _is_folder(path) else (path,)
-    return sorted(set(files))
+    return _choose_files(path) if _is_folder(path) else {"measured": path}
 
 
 def hash_file(path: Path) -> str:

@@ -269,6 +269,7 @@ class Preferences(NamedTuple):
     worker_python: str
     models_folder: str = ""
     idle_minutes: int = 10
+    keep_gigabytes: float = 2.0
 
 
 def stepped(until: Callable[[Run], bool] = lambda run: run.fraction > 0) -> Run:

@@ -100,6 +100,9 @@ def test_runs_are_learned_from_and_kept(paint, tmp_path: Path, monkeypatch):
         (5 / (36 * 1024**2) + Rates().write["draft"]) / 2
     )
     assert Rates.load(tmp_path / "rates.json") == module._rates
+    before = module._rates
+    learn(paint, aged | {"cache_seconds": 0.1}, result)
+    assert module._rates == before
 
 
 def test_maps_that_are_kept_are_not_made_again(paint, tmp_path: Path, monkeypatch):
