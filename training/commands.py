@@ -22,7 +22,9 @@ app = tyro.extras.SubcommandApp()
 @app.command
 def encoder(
     output: Path,
-    config: Literal["fast", "paper", "paper-short", "brdfnps-short"] = "fast",
+    config: Literal[
+        "fast", "paper", "paper-short", "brdfnps-short", "deepbrdf", "hyperbrdf"
+    ] = "fast",
     resume: bool = False,
     minutes: float | None = None,
     seed: int = 0,
@@ -31,8 +33,8 @@ def encoder(
 
     Args:
         output: the .safetensors file to write; checkpoints and logs go beside it.
-        config: fast is the bundled encoder's recipe and paper the published one; paper-short and
-            brdfnps-short are for an hour on our training data, to compare with.
+        config: fast is the bundled encoder's recipe and paper the published one; the others are for
+            an hour on our training data, to compare with.
         resume: go on from the checkpoint beside the output.
         minutes: train about so many minutes of one core instead of the recipe's iterations.
         seed: of all random numbers.

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from model_runtime.atomic import check_writable
 from model_runtime.model_files.weights import save_model
-from model_runtime.representation import Trained, build, load_representation
 from model_runtime.representation.latents import (
     PAPER_SAMPLES,
     Latents,
@@ -20,6 +19,7 @@ from model_runtime.representation.latents import (
 )
 from model_runtime.representation.lobes import LobeRepresentation, compress
 
+from .baselines.encoders import Encoder, build_encoder, load_encoder
 from .data.location import data_folder
 from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
@@ -44,18 +44,19 @@ class EncoderConfig:
     machine.
     """
 
-    representation: Literal["lobes", "paper", "brdfnps"]
+    representation: Literal["lobes", "paper", "brdfnps", "deepbrdf", "hyperbrdf"]
     iterations: int
     batch: int
     samples: int
     """Directions that the encoder is given, drawn anew from its own for every batch; 0 for all."""
     targets: int
-    """Directions at which the decoded BRDF is compared."""
+    """Directions at which the decoded BRDF is compared; 0 for those that the encoder is given."""
     learning_rate: float
     warm_up: int
     schedule: Literal["constant", "cosine"]
-    loss: Literal["compressed", "l"]
-    """Space in which reflectances are compared: log(1 + f / 0.01), or the paper's l(f)."""
+    loss: Literal["compressed", "log", "l"]
+    """Space in which reflectances are compared: log(1 + f / 0.01), beside sphere pixels and alone,
+    or the paper's l(f)."""
     pixels: int
     """Random sphere pixels compared after tone mapping, 0 for none."""
     latent_noise: float
@@ -123,6 +124,10 @@ _SHORT = replace(
 )
 CONFIGS["paper-short"] = _SHORT
 CONFIGS["brdfnps-short"] = replace(_SHORT, representation="brdfnps")
+CONFIGS["deepbrdf"] = replace(_SHORT, representation="deepbrdf", samples=0, targets=0, loss="log")
+CONFIGS["hyperbrdf"] = replace(
+    _SHORT, representation="hyperbrdf", batch=32, samples=256, targets=256, loss="log"
+)
 
 
 def _noisy(latents: Latents, scale: float, g: torch.Generator) -> Latents:
@@ -147,7 +152,7 @@ def training_loss(
     asked = model.sample_angles(PAPER_SAMPLES)
     if config.samples:
         asked = asked[torch.randperm(len(asked), generator=g)[: config.samples]]
-    targets = loss_angles(config.targets, g)
+    targets = loss_angles(config.targets, g) if config.targets else asked
     pixel_angles, weights = sphere_angles(config.pixels, 64, g)
     angles = torch.cat((asked, targets, pixel_angles))
     with torch.no_grad():
@@ -162,6 +167,8 @@ def training_loss(
     if config.loss == "l":
         return (log_transform(decoded) - log_transform(truth)).abs().mean()
     loss = (compress(decoded[:, :m]) - compress(truth[:, :m])).abs().mean()
+    if config.loss == "log":
+        return loss
     shown = [
         torch.einsum("npdc,pd->npc", f[:, m:].unflatten(1, weights.shape), weights)
         for f in (decoded, truth)
@@ -190,7 +197,7 @@ def train_encoder(
     check_writable(output)
     torch.manual_seed(seed)
     measured = load(data_folder(), "merl").without(HELD_OUT)
-    model = build(recipe.representation)
+    model = build_encoder(recipe.representation)
     run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
     record = train(_training(recipe, model, measured, seed), run)
     if isinstance(model, LobeRepresentation):
@@ -217,13 +224,13 @@ def train_encoder(
             },
         },
         kind="encoder",
-        check=load_representation,
+        check=load_encoder,
     )
     remove_checkpoints(run, ("", SHORT_CUT))
     return output
 
 
-def _training(recipe: EncoderConfig, model: Trained, measured: NeuralBRDFs, seed: int) -> Training:
+def _training(recipe: EncoderConfig, model: Encoder, measured: NeuralBRDFs, seed: int) -> Training:
     g = torch.Generator().manual_seed(seed)
     progress = Progress.load(data_folder()) if recipe.looks else None
 

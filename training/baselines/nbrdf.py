@@ -22,7 +22,7 @@ from model_runtime.brdf.half_angle import cosines
 from ..evaluation.bench.kept import identity, kept
 from ..loop import Schedule, optimize
 
-__all__ = ("Networks", "Training", "cached_fit", "fit")
+__all__ = ("Networks", "Training", "cached_fit", "fit", "vectors")
 
 _SIZES = (6, 21, 21, 3)
 PARAMETERS = sum((inputs + 1) * outputs for inputs, outputs in itertools.pairwise(_SIZES))
@@ -57,11 +57,11 @@ class Networks:
         What the network says, at least 0; nothing is averaged over the two directions of light.
         """
         layers = tuple((weight[rows], bias[rows]) for weight, bias in self.layers)
-        x = _inputs(angles).expand(len(rows), -1, -1)
+        x = vectors(angles).expand(len(rows), -1, -1)
         return torch.expm1(_logarithm(layers, x)).clamp_min(0)
 
 
-def _inputs(angles: Tensor) -> Tensor:
+def vectors(angles: Tensor) -> Tensor:
     """The half and the difference vector of `angles` [M, 3], side by side: [M, 6]."""
     theta_h, theta_d, phi_d = angles.unbind(-1)
     sin_d = theta_d.sin()
@@ -100,7 +100,7 @@ def fit(angles: Tensor, f: Tensor, training: Training = Training()) -> Networks:
     optimizer = torch.optim.Adam(parameters, fused=True)
     cos_i = cosines(angles)[0].clamp_min(0)[:, None]
     target = torch.log1p(f.clamp_min(0) * cos_i)
-    x = _inputs(angles)
+    x = vectors(angles)
 
     def loss(_: int) -> Tensor:
         drawn = torch.randint(len(angles), (training.batch,), generator=g)

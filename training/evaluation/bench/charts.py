@@ -37,6 +37,8 @@ LOOKS: Mapping[str, Look] = {
     "paper": Look("paper", "#D55E00", "s"),
     "paper_long": Look("paper, long", "#CC79A7", "D"),
     "brdfnps": Look("BRDFNPs", "#E69F00", "^"),
+    "deepbrdf": Look("DeepBRDF", "#56B4E9", "P"),
+    "hyperbrdf": Look("HyperBRDF", "#000000", "X"),
     "nbrdf": Look("NBRDF", "#009E73", "v"),
     "stt": Look("STT", "#009E73"),
     "staf": Look("STAF", "#CC79A7"),
@@ -45,7 +47,8 @@ LOOKS: Mapping[str, Look] = {
     LSTM_PARAMETERS: Look("LSTM, parameters", "#56B4E9"),
     LSTM_LATENTS: Look("LSTM, latents", "#8B5A2B"),
 }
-"""By method, in the order of tables; NBRDF and STT, and the long paper and STAF, never meet."""
+"""By method, in the order of tables. What holds BRDFs never meets what changes them, but for ours,
+paper and BRDFNPs: their colors are used twice."""
 
 
 def panels(

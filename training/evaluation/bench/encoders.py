@@ -17,6 +17,8 @@ RECIPES = {
     "paper": "paper-short",
     "paper_long": "paper-short",
     "brdfnps": "brdfnps-short",
+    "deepbrdf": "deepbrdf",
+    "hyperbrdf": "hyperbrdf",
 }
 """By method, the `--config` that trains its encoder."""
 

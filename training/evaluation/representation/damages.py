@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.half_angle import cosines
-from model_runtime.representation import Trained
 from model_runtime.representation.latents import Latents
 
+from ...baselines.encoders import Encoder
 from ...data.analytic import random_torrance_sparrow
 from ...metric.sphere import Sphere, psnr
 from .probes import SAMPLES, SEED, analytic_groups, measured_groups, reflecting, together
@@ -29,6 +29,9 @@ __all__ = (
 
 _KNOWS_GAPS = ("lobes",)
 """Representations that take NaN for a sample that is missing."""
+
+_READS_ALL = ("deepbrdf",)
+"""Those that cannot do without any."""
 
 _PER = 258
 """Fireflies are counted in as many samples."""
@@ -102,17 +105,18 @@ DAMAGES: Mapping[str, Damage] = {
 _BITS = (8, 6, 5, 4)
 
 
-def read_what_is_there(model: Trained, angles: Tensor, f: Tensor) -> Latents | None:
+def read_what_is_there(model: Encoder, angles: Tensor, f: Tensor) -> Latents | None:
     """Latents of `f` [N, M, 3], where NaN marks what is missing.
 
     An encoder that knows no gaps is given the samples that are whole, as a shorter list; None
-    where some values of a sample are missing and others are not, which it cannot be told.
+    where some values of a sample are missing and others are not, which it cannot be told, or where
+    it has to have all.
     """
     known = f.isfinite()
     if model.name in _KNOWS_GAPS or bool(known.all()):
         return model.encode(angles, f)
     whole = known.all(0).all(-1)
-    if bool((known != whole[:, None]).any()):
+    if model.name in _READS_ALL or bool((known != whole[:, None]).any()):
         return None
     return model.encode(angles[whole], f[:, whole])
 
@@ -135,7 +139,7 @@ def coarse(states: Sequence[Tensor], bits: int) -> tuple[Tensor, Tensor, Tensor]
 class _Curve:
     """Scores at severities; the first point is the undamaged input."""
 
-    model: Trained
+    model: Encoder
     sphere: Sphere
     truth: Tensor
     clean: Latents
@@ -168,7 +172,7 @@ class _Curve:
         }
 
 
-def measure_stability(model: Trained, data: Path, sphere: Sphere) -> dict[str, Any]:
+def measure_stability(model: Encoder, data: Path, sphere: Sphere) -> dict[str, Any]:
     """How accuracy and latents change with damage to 16 materials (MERL held out, RGL, Disney,
     Torrance-Sparrow), and with 8-bit and coarser maps to 12 Torrance-Sparrow ones.
 
@@ -195,7 +199,7 @@ def measure_stability(model: Trained, data: Path, sphere: Sphere) -> dict[str, A
     return report | {"bits": _measure_bits(model, sphere)}
 
 
-def _measure_bits(model: Trained, sphere: Sphere) -> dict[str, Any]:
+def _measure_bits(model: Encoder, sphere: Sphere) -> dict[str, Any]:
     states = random_torrance_sparrow(12, torch.Generator().manual_seed(SEED + 2))
     fine = reflecting(("",) * 12, *states)
     truth = sphere.render(fine.evaluate, chunk=4)

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from model_runtime.model_files.weights import read_card
-from model_runtime.representation import Trained, load_representation
 from model_runtime.representation.latents import PAPER_SAMPLES, Latents
 from model_runtime.representation.measured import encode_measured
 from model_runtime.representation.paper import PaperRepresentation
 
 from ...baselines import nbrdf
+from ...baselines.encoders import Encoder, load_encoder
 from ..bench.encoders import trained_encoder
 from ..bench.results import chosen
 from .results import Cost
@@ -112,7 +112,7 @@ class EncoderMethod:
         which is the encoder's
     """
 
-    model: Trained
+    model: Encoder
     trained: Mapping[str, Any]
     together: int = 64
     samples: int = PAPER_SAMPLES
@@ -274,6 +274,6 @@ def load_methods(
             methods[name] = NetworkMethod(cache, budget)
             continue
         path = trained_encoder(name, weights)
-        model = EncoderMethod(load_representation(path)[0], read_card(path).trained)
+        model = EncoderMethod(load_encoder(path), read_card(path).trained)
         methods[name] = replace(model, **use)
     return methods

@@ -10,9 +10,9 @@ import torch
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from model_runtime.representation import Trained
 from model_runtime.representation.latents import PAPER_SAMPLES
 
+from ...baselines.encoders import Encoder
 from ...data.nbrdf import load
 from ...metric.sphere import Sphere
 from ..bench.charts import ERROR_COLORS, Shown, bare, compared, panels, pixels_in_place, save
@@ -80,7 +80,7 @@ def _title(set_name: str, name: str) -> str:
 
 
 @torch.no_grad()
-def draw_interpolation(model: Trained, sphere: Sphere, data: Path, path: Path) -> None:
+def draw_interpolation(model: Encoder, sphere: Sphere, data: Path, path: Path) -> None:
     """Two pairs of MERL materials and seven steps on the line between their latents; the truth at
     both ends.
     """

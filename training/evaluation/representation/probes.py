@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf import disney, torrance_sparrow
-from model_runtime.representation import Trained
 from model_runtime.representation.latents import Latents
 
+from ...baselines.encoders import Encoder
 from ...data.analytic import random_disney, random_torrance_sparrow
 from ...data.nbrdf import HELD_OUT, NeuralBRDFs, load
 
@@ -47,7 +47,7 @@ class Group:
         """The first `n` of them."""
         return Group(self.names[:n], lambda angles: self.evaluate(angles)[:n], self.measured)
 
-    def encoded(self, model: Trained) -> Latents:
+    def encoded(self, model: Encoder) -> Latents:
         """Latents of all, from undamaged samples."""
         angles = model.sample_angles(SAMPLES, measured=self.measured)
         return model.encode(angles, self.evaluate(angles))

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.half_angle import from_directions
-from model_runtime.representation import Trained
 from model_runtime.representation.latents import Latents
 
+from ...baselines.encoders import Encoder
 from ...data.analytic import random_torrance_sparrow
 from ...metric.albedo import INCIDENCES, Albedos
 from ...metric.sphere import Sphere, psnr, tone_map
@@ -89,11 +89,11 @@ def everywhere() -> Tensor:
     return from_directions(wi, wo).float()
 
 
-def _double(model: Trained) -> Trained:
+def _double(model: Encoder) -> Encoder:
     return copy.deepcopy(model).double()
 
 
-def color_permutation(model: Trained, group: Group) -> dict[str, float]:
+def color_permutation(model: Encoder, group: Group) -> dict[str, float]:
     """Largest changes over all six orders of the channels: of shared and of color latents (put
     back in order), over their root mean square, and of the decoded BRDF, relative.
 
@@ -122,7 +122,7 @@ def color_permutation(model: Trained, group: Group) -> dict[str, float]:
     return report
 
 
-def reciprocity(model: Trained, group: Group) -> dict[str, float]:
+def reciprocity(model: Encoder, group: Group) -> dict[str, float]:
     """Largest relative |f(i, o) - f(o, i)| of what is decoded, in single and double precision."""
     latents = group.encoded(model)
     wi, wo = _directions(1000)
@@ -137,7 +137,7 @@ def reciprocity(model: Trained, group: Group) -> dict[str, float]:
     }
 
 
-def range_of_values(model: Trained, group: Group) -> dict[str, Any]:
+def range_of_values(model: Encoder, group: Group) -> dict[str, Any]:
     """Least and largest decoded value from mirror peaks to grazing, and whether all are finite."""
     f = model.decode(group.encoded(model), everywhere())
     finite = f.isfinite()
@@ -149,7 +149,7 @@ def range_of_values(model: Trained, group: Group) -> dict[str, Any]:
     }
 
 
-def energy(model: Trained, group: Group) -> dict[str, Any]:
+def energy(model: Encoder, group: Group) -> dict[str, Any]:
     """Albedos of the decoded BRDFs against those of the input.
 
     `excess` and `diffuse_excess`: the largest decoded minus input, directional and bihemispherical,
@@ -181,7 +181,7 @@ def energy(model: Trained, group: Group) -> dict[str, Any]:
     }
 
 
-def agreement(model: Trained, group: Group) -> dict[str, float]:
+def agreement(model: Encoder, group: Group) -> dict[str, float]:
     """Largest relative differences of latents and decoded values between batches of 1, 7 and 64,
     and between one and two threads.
     """
@@ -210,7 +210,7 @@ def agreement(model: Trained, group: Group) -> dict[str, float]:
     }
 
 
-def neighborhood(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, float]:
+def neighborhood(model: Encoder, sphere: Sphere, n: int = 40) -> dict[str, float]:
     """Spearman's rank correlation, over all pairs of `n` random Torrance-Sparrow materials, of the
     distance of their latents and the root mean square difference of their tone-mapped spheres.
     """
@@ -222,7 +222,7 @@ def neighborhood(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, float
     return {"rank_correlation": float(torch.corrcoef(ranks)[0, 1]), "pairs": len(apart)}
 
 
-def short_cut(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, float]:
+def short_cut(model: Encoder, sphere: Sphere, n: int = 40) -> dict[str, float]:
     """Torrance-Sparrow materials encoded from their parameters, and from samples: PSNR in dB of
     either, mean and worst of `n`, against the truth.
     """
@@ -242,7 +242,7 @@ def short_cut(model: Trained, sphere: Sphere, n: int = 40) -> dict[str, float]:
 
 
 @torch.no_grad()
-def measure_properties(model: Trained, data: Path, *, pixels: int = 16) -> dict[str, Any]:
+def measure_properties(model: Encoder, data: Path, *, pixels: int = 16) -> dict[str, Any]:
     """Every property of `model` on the same materials: numbers, ready for JSON.
 
     Spheres are `pixels` wide under maps of 32 x 16 directions. `energy` is by set, `stability` by
