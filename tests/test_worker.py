@@ -13,7 +13,7 @@ from tests.scripted_worker import READY, all_of
 from tvbrdf.tvbrdf_addon import process as process_module
 from tvbrdf.tvbrdf_addon import worker as worker_module
 from tvbrdf.tvbrdf_addon.errors import WorkerError
-from tvbrdf.tvbrdf_addon.worker import Done, Launch, Notice, Progress, Worker, run
+from tvbrdf.tvbrdf_addon.worker import Done, Launch, Notice, Progress, Worker, prepare, run
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -34,6 +34,14 @@ def test_the_worker_stays_warm_between_runs(worker: Worker, tmp_path: Path):
     all_of(run(worker, "age", request(tmp_path)))
     pid = worker.pid
     all_of(run(worker, "age", request(tmp_path)))
+    assert worker.pid == pid
+
+
+def test_one_that_was_prepared_is_not_started_again(worker: Worker, tmp_path: Path):
+    prepare(worker)
+    pid = worker.pid
+    prepare(worker)
+    assert isinstance(all_of(run(worker, "age", request(tmp_path)))[-1], Done)
     assert worker.pid == pid
 
 

@@ -44,9 +44,7 @@ class Look(Run):
         super().__init__(replace(plan, size=_SIZE), worker)
 
     def _all_steps(self) -> Iterator[None]:
-        # As a run's: once for the panel to hear of it, once to draw it before a bake blocks.
-        yield
-        yield
+        yield from self._prepare()
         asked = _asked(self._material().tvbrdf)
         with tempfile.TemporaryDirectory(prefix="tvbrdf-", ignore_cleanup_errors=True) as job:
             reading, request = self._read(Path(job))

@@ -35,20 +35,21 @@ __all__ = ("Outlook", "is_worth_a_preview", "learn", "look_soon", "outlook_of", 
 PAUSE, SHARE = 1.0, 20.0
 RATES = "rates.json"
 
-# A preview delays the result by a second or two.
+# A preview delays the result by a second or two, and by its shader, which Blender has to build.
 PREVIEW_SECONDS = 5.0
 
 
 @dataclass(frozen=True)
 class Outlook:
     """What is probable: `size` (height, width) of the textures and why (a sentence or nothing),
-    time and disk use, and those of quality Balanced.
+    time and disk use, and those of quality Balanced, and those once the surface's maps are made.
     """
 
     size: tuple[int, int]
     why: str
     estimate: Estimate
     balanced: Estimate
+    mapped: Estimate
 
 
 @dataclass(frozen=True)
@@ -102,14 +103,15 @@ def outlook_of(
         maps=settings.onset == AUTO and uids[0] not in _mapped,
         cold=cold,
     )
-    rates = _kept_rates()
-    return Outlook(size, why, rates.of(work), rates.of(replace(work, quality=BALANCED)))
+    expected = _kept_rates().of
+    balanced, mapped = replace(work, quality=BALANCED), replace(work, maps=False)
+    return Outlook(size, why, expected(work), expected(balanced), expected(mapped))
 
 
 def is_worth_a_preview(material: bpy.types.Material, scene: bpy.types.Scene) -> bool:
-    """Whether aging `material` takes so long that a preview before it is welcome."""
+    """Whether what a preview does not wait for takes so long that it is welcome."""
     expected = outlook_of(material, scene)
-    return expected is not None and expected.estimate.seconds > PREVIEW_SECONDS
+    return expected is not None and expected.mapped.seconds > PREVIEW_SECONDS
 
 
 def learn(

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import IO, Any
 
-from ..model_runtime.messages import Loaded, Reply, Request, Verb
+from ..model_runtime.messages import Loaded, Ready, Reply, Request, Verb
 from .errors import WorkerError
 from .launch import Launch
 
@@ -31,11 +31,13 @@ class Worker:
     """A child process that stays warm between runs and is started when it is needed.
 
     Three threads carry what is said to it and what it says, so that neither it nor Blender ever
-    waits for the other.  `loaded` says that torch is imported, so that it answers soon.
+    waits for the other.  `ready` is its first word, once that has been looked at; `loaded` says
+    that torch is imported, so that it answers soon.
     """
 
     def __init__(self, launch: Launch) -> None:
         self.launch = launch
+        self.ready: Ready | None = None
         self.loaded = False
         self._process: subprocess.Popen[bytes] | None = None
         self._inbox: queue.Queue[Reply] = queue.Queue()
@@ -91,7 +93,7 @@ class Worker:
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
-        self._process, self.loaded = process, False
+        self._process, self.ready, self.loaded = process, None, False
         self._inbox, self._outbox = queue.Queue(), queue.Queue()
         self._complaints.clear()
         self._readers = [
@@ -113,8 +115,11 @@ class Worker:
         """What it has said by now."""
         for _ in range(self._inbox.qsize()):
             reply = self._inbox.get_nowait()
-            if isinstance(reply.message, Loaded):
-                self.loaded = True
+            match reply.message:
+                case Ready():
+                    self.ready = reply.message
+                case Loaded():
+                    self.loaded = True
             yield reply
 
     def last_words(self) -> str:

@@ -31,7 +31,7 @@ from .material.reading.check import why_not as why_not_readable
 from .material.reading.chosen import object_named, object_with
 from .material.reading.onset import is_invertible, why_no_mask, why_no_onset
 from .material.result import note_result
-from .worker import Done, Notice, Progress, Worker
+from .worker import Done, Notice, Progress, Worker, prepare
 from .worker import run as ask
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ class Run:
         self.cancel_requested = False
         self.ended_by = ""
         self.turn = (1, 1)
-        self._worker = worker
+        self._worker, self._is_cold = worker, False
         self._computing_since: float | None = None
         self._uv_map: UVMap | None = None
         self._before = self._mapping = self._starting = 0.0
@@ -232,9 +232,7 @@ class Run:
         return seconds * (1 - self.fraction) / self.fraction
 
     def _all_steps(self) -> Iterator[None]:
-        # Twice: once for the panel to hear of the run, once to draw it before a bake blocks.
-        yield
-        yield
+        yield from self._prepare()
         with tempfile.TemporaryDirectory(prefix="tvbrdf-", ignore_cleanup_errors=True) as job:
             started = time.monotonic()
             reading, request = self._read(Path(job))
@@ -250,6 +248,14 @@ class Run:
             except BaseException:
                 self._take_preview_back()
                 raise
+
+    def _prepare(self) -> Iterator[None]:
+        """Starts the worker, which gets ready while the material is read."""
+        self._is_cold = not self._worker.alive
+        prepare(self._worker)
+        # Twice: once for the panel to hear of the run, once to draw it before a bake blocks.
+        yield
+        yield
 
     def _read(self, folder: Path) -> tuple[Reading, dict[str, Any]]:
         """What was read of the material, and the request with it."""
@@ -334,7 +340,7 @@ class Run:
             raise
 
     def _listen(self, verb: Verb, request: dict[str, Any]) -> Iterator[None]:
-        cold, asked = not self._worker.alive, time.monotonic()
+        asked = time.monotonic()
         for message in ask(self._worker, verb, request, cancelled=lambda: self.cancel_requested):
             self._material()
             match message:
@@ -344,7 +350,7 @@ class Run:
                 case Progress(stage, fraction):
                     if self._computing_since is None:
                         self._computing_since = time.monotonic()
-                        self._starting = cold * (self._computing_since - asked)
+                        self._starting = self._is_cold * (self._computing_since - asked)
                     self.stage, self.fraction = stage.capitalize(), max(self.fraction, fraction)
                 case Notice(text):
                     self.warnings.append(text)

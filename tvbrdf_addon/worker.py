@@ -21,12 +21,12 @@ from typing import Any
 
 from ..model_runtime.contract import PROTOCOL
 from ..model_runtime.errors import shown
-from ..model_runtime.messages import Done, Failed, Message, Notice, Progress, Ready, Verb
+from ..model_runtime.messages import Done, Failed, Message, Notice, Progress, Verb
 from .errors import WorkerError
 from .launch import Launch
 from .process import Worker
 
-__all__ = ("Done", "Launch", "News", "Notice", "Progress", "Worker", "learn", "run")
+__all__ = ("Done", "Launch", "News", "Notice", "Progress", "Worker", "learn", "prepare", "run")
 
 # Starting means starting Python and reading a few small files, then, after `ready`, importing
 # torch: a slow disk may keep one library of it for long, and all else in the process with it.
@@ -68,6 +68,17 @@ class _LeftError(Exception):
     """The worker had been idle for long and left just as the request came."""
 
 
+def prepare(worker: Worker) -> None:
+    """Start `worker` where it is not there: it gets ready while something else is done.
+
+    Raises:
+        WorkerError: it could not be started.
+    """
+    if not worker.alive:
+        worker.stop()
+        worker.start()
+
+
 def run(
     worker: Worker,
     verb: Verb,
@@ -84,10 +95,8 @@ def run(
             could not be started, died, gave no sign of life, or speaks another protocol.
     """
     for is_last in (False, True):
-        if not worker.alive:
-            worker.stop()
-            worker.start()
-            yield from _await_ready(worker, cancelled)
+        prepare(worker)
+        yield from _await_ready(worker, cancelled)
         try:
             yield from _await_answer(worker, worker.send(verb, args), cancelled)
         except _LeftError:
@@ -113,21 +122,12 @@ def learn(worker: Worker, *, cancelled: Callable[[], bool]) -> Iterator[News | N
 
 def _await_ready(worker: Worker, cancelled: Callable[[], bool]) -> Iterator[None]:
     patience = _Patience()
-    while True:
+    while worker.ready is None:
         alive = worker.alive
-        for reply in worker.poll():
-            if not isinstance(reply.message, Ready):
-                continue
-            spoken = reply.message.protocol
-            if spoken == PROTOCOL:
-                return
-            worker.stop()
-            raise WorkerError(
-                f"The worker speaks protocol {shown(spoken)}, this extension {PROTOCOL}.",
-                "Restart Blender after an update; if that does not help, install the extension "
-                "again.",
-                code="protocol",
-            )
+        for _ in worker.poll():
+            pass
+        if worker.ready is not None:
+            break
         if not alive:
             raise _death(worker)
         if cancelled():
@@ -140,6 +140,14 @@ def _await_ready(worker: Worker, cancelled: Callable[[], bool]) -> Iterator[None
                 "Check Worker Python in the extension's preferences.",
             )
         yield None
+    spoken = worker.ready.protocol
+    if spoken != PROTOCOL:
+        worker.stop()
+        raise WorkerError(
+            f"The worker speaks protocol {shown(spoken)}, this extension {PROTOCOL}.",
+            "Restart Blender after an update; if that does not help, install the extension again.",
+            code="protocol",
+        )
 
 
 def _await_answer(

@@ -92,8 +92,10 @@ def sidebar(area: bpy.types.Area) -> bpy.types.Region:
     return next(region for region in area.regions if region.type == "UI")
 
 
-def go_through(steps: Steps, name: str) -> None:
-    """Take the steps in a timer, then end Blender: with 0 where all is well."""
+def go_through(steps: Steps, name: str, *, first: float = 2) -> None:
+    """Take the steps in a timer, `first` seconds from now, then end Blender: with 0 where all is
+    well.
+    """
 
     def advance() -> float:
         try:
@@ -108,4 +110,4 @@ def go_through(steps: Steps, name: str) -> None:
             shoot("failed")
             os._exit(1)
 
-    bpy.app.timers.register(advance, first_interval=2, persistent=True)
+    bpy.app.timers.register(advance, first_interval=first, persistent=True)

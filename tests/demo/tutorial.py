@@ -61,13 +61,22 @@ def save(picture: Image.Image, path: Path) -> None:
     print(f"{path}: {size / 1000:.0f} kB")
 
 
+def _go(screens: Path) -> None:
+    """The newcomer's clicks; prints what they took."""
+    said = run_in_window(HERE / "windowed_tutorial.py", screens, seconds=900, worker=True)
+    print("\n".join(line for line in said.splitlines() if " s  " in line), flush=True)
+
+
 def main() -> None:
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as place:
         screens = Path(place)
-        said = run_in_window(HERE / "windowed_tutorial.py", screens, seconds=900, worker=True)
-        print("\n".join(line for line in said.splitlines() if " s  " in line))
+        print("Aging:")
+        _go(screens)
+        print("The same clicks, without aging:")
+        (screens / "nothing_ages").touch()
+        _go(screens)
         for name, box in PARTS.items():
             save(part(screens / f"{name}.png", box), folder / f"{name}.jpg")
         save(ages(screens), folder / "ages.jpg")
