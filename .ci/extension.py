@@ -10,14 +10,15 @@ build, taken from wherever pip looks, and from `--torch-index` where pip finds i
 first Python is required; the others are left out, with a warning, where a wheel does not exist for
 them.  With `--small` it collects the few that aging cannot do without, for all Pythons.
 
-`build` packs what belongs to the extension, and nothing else, into `tvbrdf-VERSION-PLATFORM.zip`,
-validates it and prints its path.  With `--small` that is `tvbrdf-small-VERSION-PLATFORM.zip`, which
-brings no torch.  It does nothing while the zip is that of the same content.
+`build` packs what belongs to the extension, and a manual made of docs/ (manual.py), into
+`tvbrdf-VERSION-PLATFORM.zip`, validates it and prints its path.  With `--small` that is
+`tvbrdf-small-VERSION-PLATFORM.zip`, which brings no torch.  It does nothing while the zip is that
+of the same content.
 
 `repository` makes a folder that Blender takes for a repository of extensions once a web server
 shows it: the zips, their `index.json` and a page to drag them from.
 
-Runs on the standard library and the Blender module of the environment that runs it.
+Runs on the standard library, Markdown and the Blender module of the environment that runs it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ import tomllib
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+
+import manual
 
 ROOT = Path(__file__).resolve().parents[1]
 PINS = ROOT / "requirements-runtime.txt"
@@ -184,7 +187,7 @@ def imported(module: str) -> Iterator[str]:
 def content_hash(wheels: list[Path]) -> str:
     """A hash over everything that goes into the zip."""
     digest = hashlib.sha256(Path(__file__).read_bytes())
-    for file in packed_files():
+    for file in (*packed_files(), Path(manual.__file__), *manual.sources()):
         digest.update(str(file.relative_to(ROOT)).encode() + b"\0")
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     for wheel in wheels:  # their versions are in their names
@@ -214,6 +217,7 @@ def stage(folder: Path, platform: str, wheels: list[Path]) -> None:
         target = folder / file.relative_to(ROOT)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, target)
+    manual.write_manual(folder)
     if not wheels:
         return
     (folder / "wheels").mkdir()

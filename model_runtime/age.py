@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .account import account_of
-from .backend import Tensor, torch
+from .backend import Tensor, torch, version
 from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
 from .brdf.refinement import DOUBTFUL
@@ -32,7 +32,7 @@ from .representation.measured import Encoded, encode_measured
 from .run import Reporter, Run
 from .temporal.domain import FOREIGN_SHARE
 
-__all__ = ("AgeRequest", "Reporter", "age", "device_of")
+__all__ = ("AgeRequest", "Reporter", "age", "computes", "device_of")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
@@ -263,6 +263,11 @@ def _rung(run: Run, start: Start, initial: Tensor) -> str:
             "a plain affine change is used. Choose a temporal model yourself to override this."
         )
     return rung
+
+
+def computes() -> tuple[str, str]:
+    """What computes with its version, for people, and the kind of device that it takes unasked."""
+    return version(), device_of(AUTO).type
 
 
 def device_of(wanted: str) -> torch.device:

@@ -64,7 +64,12 @@ class Ready:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What computes is imported."""
+    """What computes is imported: a `backend` and its version, on a `device` by default; empty where
+    a worker does not say.
+    """
+
+    backend: str = ""
+    device: str = ""
 
 
 @dataclass(frozen=True)
@@ -155,7 +160,7 @@ def _message(said: Mapping[str, Any]) -> Message | None:
         case {"type": "ready"}:
             return Ready(said.get("protocol"), str(said.get("version")))
         case {"type": "loaded"}:
-            return Loaded()
+            return Loaded(*(str(said.get(name) or "") for name in ("backend", "device")))
         case {"type": "alive"}:
             return Alive()
         case {"type": "progress", "stage": str(stage), "fraction": int() | float() as fraction}:

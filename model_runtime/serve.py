@@ -86,8 +86,7 @@ class Server:
         self._busy.set()
         for work in (self._read, self._give_signs_of_life):
             threading.Thread(target=work, daemon=True).start()
-        _warm_up(self._kept)
-        self._say(Loaded())
+        self._say(_warm_up(self._kept))
         while True:
             self._busy.clear()
             try:
@@ -261,14 +260,18 @@ def claim_stdout() -> TextIO:
     return claimed
 
 
-def _warm_up(kept: Kept | None) -> None:
+def _warm_up(kept: Kept | None) -> Loaded:
     """Import what computes before the first run; what stands in the way is told by that."""
     try:
         load_age(kept)
+        from .age import computes
+
+        return Loaded(*computes())
     except MissingLibraryError as error:
         print(error, file=sys.stderr)
     except Exception:
         traceback.print_exc()
+    return Loaded()
 
 
 def _cards(args: Mapping[str, Any]) -> list[dict[str, Any]]:

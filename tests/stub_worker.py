@@ -208,7 +208,7 @@ def stand_in(ages: Callable[..., dict]) -> None:
         return ages(request, reporter)
 
     for name, contents in (
-        ("age", {"age": ages}),
+        ("age", {"age": ages, "computes": lambda: ("Flat Colors 1.0", CPU)}),
         ("keeping", {"age_or_take": age_or_take}),
         ("look", {"look": look}),
     ):

@@ -8,6 +8,7 @@ from . import (
     ageing,
     finding,
     follow,
+    help,
     learn_panel,
     look,
     menus,
@@ -16,7 +17,7 @@ from . import (
     outlook,
     panels,
     pictures,
-    preferences,
+    preferences_panel,
     presets,
     properties,
     session,
@@ -27,7 +28,7 @@ from .headless import command
 __all__ = ("CLASSES", "register", "unregister")
 
 CLASSES = (
-    *preferences.CLASSES,
+    *preferences_panel.CLASSES,
     *properties.CLASSES,
     *operators.CLASSES,
     *ageing.CLASSES,
@@ -35,6 +36,7 @@ CLASSES = (
     *presets.CLASSES,
     *learn_panel.CLASSES,
     *panels.CLASSES,
+    *help.CLASSES,
 )
 
 

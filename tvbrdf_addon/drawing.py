@@ -12,7 +12,7 @@ import bpy
 from ..model_runtime.errors import shown
 from .log import said_of
 
-__all__ = ("Icon", "guarded", "paragraph")
+__all__ = ("Icon", "guarded", "lines", "paragraph")
 
 # Average width of a letter of the interface font, in unscaled pixels, and what icons and borders
 # take away from a line.
@@ -32,13 +32,16 @@ def paragraph(
     *,
     share: float = 1.0,
 ) -> None:
-    """`text` over as many lines as that share of the region needs: Blender's labels do not wrap."""
+    """`text` over as many lines as that share of the region needs."""
     pixels = (context.region.width / context.preferences.system.ui_scale - MARGIN_PIXELS) * share
+    lines(layout, text, max(int(pixels / LETTER_PIXELS), 12), icon)
+
+
+def lines(layout: bpy.types.UILayout, text: str, letters: int, icon: Icon = "NONE") -> None:
+    """`text` over lines of at most so many `letters`: Blender's labels do not wrap."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(
-        textwrap.wrap(shown(text, most=LONGEST_TEXT), max(int(pixels / LETTER_PIXELS), 12))
-    ):
+    for number, line in enumerate(textwrap.wrap(shown(text, most=LONGEST_TEXT), letters)):
         if icon == "NONE":
             column.label(text=line)
         else:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 from ..model_runtime.contract import (
@@ -65,6 +66,13 @@ class Launch:
         """Where results are kept; None where none are."""
         chosen = os.environ.get(CACHE)
         return self.cache if chosen is None else Path(chosen).absolute() if chosen else None
+
+    @property
+    def torch_version(self) -> str:
+        """That of the PyTorch that came with the extension; empty where none did."""
+        folders = map(str, self.site_packages)
+        found = metadata.distributions(name="torch", path=list(folders))
+        return next((each.version for each in found), "")
 
     def command(self) -> list[str]:
         """The command line of the worker.

@@ -11,6 +11,7 @@ import bpy
 from ..model_runtime.contract import AUTO, EXACT
 from . import age_panel, exposure, learn_panel, look, masks, properties, session, strengths
 from .drawing import guarded, paragraph
+from .help import draw_question_mark
 from .known import known, scene_of
 from .material.nodes.record import is_aged, is_live
 from .material.reading.chosen import object_with
@@ -172,6 +173,7 @@ class _Age:
     bl_label = "Age Material"
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
+        draw_question_mark(known(self.layout))
         if material_of(context) is not None:
             TVBRDF_PT_presets.draw_panel_header(known(self.layout))
 

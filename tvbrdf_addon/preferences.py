@@ -1,96 +1,22 @@
-"""Where the worker's Python and further models are; set once, for all files."""
+"""Where the worker's Python and further models are, as the user's preferences say."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 
-from ..model_runtime.contract import CACHE_GIGABYTES, IDLE_MINUTES, NEEDS_TORCH
+from ..model_runtime.contract import CACHE_GIGABYTES, IDLE_MINUTES
 from ..model_runtime.model_files import weights
-from . import keeping, tidying
 from .launch import Launch
-from .models import models_in
 
-__all__ = ("CLASSES", "kept_apart", "launch", "model_folders", "models_folder", "user_file")
+__all__ = ("EXTENSION", "kept_apart", "launch", "model_folders", "models_folder", "user_file")
 
-# The extension's own module, `bl_ext.<repository>.tvbrdf`.
 EXTENSION = __package__.rpartition(".")[0]
-# About files in the models folder that are left out.
-MOST_SENTENCES = 5
-
-
-class TVBRDF_AP_preferences(bpy.types.AddonPreferences):
-    bl_idname = EXTENSION
-
-    models_folder: bpy.props.StringProperty(
-        name="Models Folder",
-        description=(
-            "Folder with models (.safetensors) of your own: they appear in the model list, and "
-            "what you let materials teach is put there"
-        ),
-        subtype="DIR_PATH",
-    )
-    worker_python: bpy.props.StringProperty(
-        name="Worker Python",
-        description=(
-            "Python that computes the aging, for instance one with a GPU build of torch. "
-            "It needs numpy, OpenEXR, safetensors and Pillow, and torch to learn. A whole path, "
-            "not one that is relative to the .blend. Empty: the one that came with the extension"
-        ),
-        subtype="FILE_PATH",
-    )
-    idle_minutes: bpy.props.IntProperty(
-        name="Keep Ready",
-        description=(
-            "Minutes for which the worker waits for a next run before it gives its memory back"
-        ),
-        default=int(IDLE_MINUTES),
-        min=1,
-        max=7 * 24 * 60,
-        soft_max=60,
-    )
-    keep_gigabytes: bpy.props.FloatProperty(
-        name="Keep Results",
-        description=(
-            "Gigabytes of results that are kept apart from all files: aging the same material by "
-            "the same settings again, here or in another file, takes no time. 0 keeps none"
-        ),
-        default=CACHE_GIGABYTES,
-        min=0.0,
-        soft_max=50.0,
-        precision=1,
-    )
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        layout.prop(self, "models_folder", placeholder="With the settings of Blender")
-        left_out = models_in(model_folders()).left_out
-        for sentence in left_out[:MOST_SENTENCES]:
-            layout.label(text=sentence, icon="ERROR")
-        if len(left_out) > MOST_SENTENCES:
-            layout.label(text=f"{len(left_out) - MOST_SENTENCES} more files are no models.")
-        layout.prop(self, "worker_python", placeholder="Comes with the extension")
-        layout.prop(self, "idle_minutes", text="Keep Ready (Minutes)")
-        layout.prop(self, "keep_gigabytes", text="Keep Results (GB)")
-        column = layout.column(align=True)
-        for number, sentence in enumerate(_runtime(launch())):
-            column.label(text=sentence, icon="BLANK1" if number else "INFO")
-        tidying.draw(layout)
-        keeping.draw(layout, launch().cache_folder)
-
-
-def _runtime(how: Launch) -> Sequence[str]:
-    """What computes, in the artist's words."""
-    if how.interpreter:
-        return ("Computes with the libraries of that Python.",)
-    if how.has_torch:
-        return ("Computes with PyTorch.",)
-    return ("Computes with NumPy: materials age as they do with PyTorch.", *NEEDS_TORCH)
+"""The extension's own module, `bl_ext.<repository>.tvbrdf`."""
 
 
 def model_folders() -> Sequence[Path]:
@@ -140,10 +66,7 @@ def user_file(name: str) -> Path | None:
     return Path(folder) / name if folder else None
 
 
-def _preferences() -> TVBRDF_AP_preferences | None:
+def _preferences() -> Any:
     # None where the extension is registered without being installed, as in tests.
     addon = bpy.context.preferences.addons.get(EXTENSION)
     return addon.preferences if addon is not None else None
-
-
-CLASSES = (TVBRDF_AP_preferences, *tidying.CLASSES, *keeping.CLASSES)

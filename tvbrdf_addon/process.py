@@ -32,13 +32,13 @@ class Worker:
 
     Three threads carry what is said to it and what it says, so that neither it nor Blender ever
     waits for the other.  `ready` is its first word, once that has been looked at; `loaded` says
-    that torch is imported, so that it answers soon.
+    that what computes is imported, so that it answers soon, and what that is.
     """
 
     def __init__(self, launch: Launch) -> None:
         self.launch = launch
         self.ready: Ready | None = None
-        self.loaded = False
+        self.loaded: Loaded | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._inbox: queue.Queue[Reply] = queue.Queue()
         self._outbox: queue.Queue[bytes | None] = queue.Queue()
@@ -93,7 +93,7 @@ class Worker:
         assert process.stdin is not None
         assert process.stdout is not None
         assert process.stderr is not None
-        self._process, self.ready, self.loaded = process, None, False
+        self._process, self.ready, self.loaded = process, None, None
         self._inbox, self._outbox = queue.Queue(), queue.Queue()
         self._complaints.clear()
         self._readers = [
@@ -119,7 +119,7 @@ class Worker:
                 case Ready():
                     self.ready = reply.message
                 case Loaded():
-                    self.loaded = True
+                    self.loaded = reply.message
             yield reply
 
     def last_words(self) -> str:

@@ -10,6 +10,8 @@ from typing import Literal
 import bpy
 from bpy.app.handlers import persistent
 
+from ..model_runtime.contract import CPU
+from ..model_runtime.errors import shown
 from ..model_runtime.output.commit import recover
 from . import preferences
 from .errors import SettingsError
@@ -29,6 +31,7 @@ __all__ = (
     "register",
     "stop_worker",
     "unregister",
+    "worker_in_words",
 )
 
 # Between two looks at the worker where nothing else is to be done.
@@ -68,6 +71,16 @@ def outcome() -> Outcome | None:
 def is_cold() -> bool:
     """Whether the next run has to start the worker first."""
     return _worker is None or not _worker.alive
+
+
+def worker_in_words() -> str:
+    """One sentence: whether the worker is there, and what computes in it as far as it has said."""
+    if _worker is None or is_cold():
+        return "The worker starts with the next run."
+    if (loaded := _worker.loaded) is None or not loaded.backend:
+        return "The worker is there."
+    where = "the CPU" if loaded.device == CPU else "the GPU"
+    return f"The worker is ready, with {shown(loaded.backend)} on {where}."
 
 
 def begin(

@@ -10,7 +10,7 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import REPORT, is_result_file
-from . import output
+from . import output, preferences
 from .errors import SettingsError
 from .estimate import in_bytes
 from .material.result import result_folder
@@ -67,12 +67,16 @@ def _bytes_in(folders: Iterable[Path]) -> int:
 
 
 def draw(layout: bpy.types.UILayout) -> None:
-    results = _results()
-    if not results:
-        return
-    row = layout.row(align=True)
-    row.label(text=f"{len(results)} aged materials take {in_bytes(_bytes_in(results))}.")
-    row.operator("tvbrdf.clean_up", icon="TRASH")
+    if results := _results():
+        row = layout.row(align=True)
+        row.label(text=f"{len(results)} aged materials take {in_bytes(_bytes_in(results))}.")
+        row.operator("tvbrdf.clean_up", icon="TRASH")
+    # Of files not saved then: any file, saved since or somewhere else, may show them.
+    apart = preferences.kept_apart()
+    if apart is not None and (kept := {report.parent for report in apart.rglob(REPORT)}):
+        row = layout.row(align=True)
+        row.label(text=f"{len(kept)} of unsaved files take {in_bytes(_bytes_in(kept))}.")
+        row.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = str(apart)
 
 
 class TVBRDF_OT_clean_up(bpy.types.Operator):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from ..contract import BACKEND, NUMPY, TORCH
 
-__all__ = ("NAME", "Tensor", "functional", "nn", "torch")
+__all__ = ("NAME", "Tensor", "functional", "nn", "torch", "version")
 
 
 def _chosen() -> str:
@@ -29,6 +29,12 @@ def _chosen() -> str:
 
 NAME = _chosen()
 """`TORCH` or `NUMPY`."""
+
+
+def version() -> str:
+    """What computes, and its version, for people."""
+    return f"{'PyTorch' if NAME == TORCH else 'NumPy'} {importlib.import_module(NAME).__version__}"
+
 
 if TYPE_CHECKING or NAME == TORCH:
     import torch

@@ -102,8 +102,9 @@ def test_zip_holds_what_belongs_and_nothing_else(extension_zip: Path) -> None:
     rooms = {name.split("/")[0] for name in names}
     assert rooms == {
         *("__init__.py", "blender_manifest.toml", "LICENSE", "LICENSES"),
-        *("model_runtime", "training", "tvbrdf_addon", "wheels"),
+        *("manual", "model_runtime", "training", "tvbrdf_addon", "wheels"),
     }
+    assert {"manual/manual.html", "manual/tutorial/aged.jpg"} <= set(names)
     learning = {name for name in names if name.startswith("training/")}
     assert {"training/learn.py", "training/learn_command.py", "training/ntm.py"} <= learning
     others = ("training/evaluation", "training/baselines", "training/encoder", "training/commands")

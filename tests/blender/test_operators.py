@@ -121,6 +121,13 @@ def test_freeze(folder: Path):
         bpy.ops.tvbrdf.freeze(material="Steel")
 
 
+def test_what_computes_is_said_once_it_is_known(folder: Path):
+    session.stop_worker()
+    assert session.worker_in_words() == "The worker starts with the next run."
+    assert age() == {"FINISHED"}
+    assert session.worker_in_words() == "The worker is ready, with Flat Colors 1.0 on the CPU."
+
+
 def test_bake_frames(folder: Path):
     age()
     assert is_live(steel())
