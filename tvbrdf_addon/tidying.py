@@ -52,8 +52,14 @@ def _meant(text: str) -> Path:
 def left_over() -> list[Path]:
     """The folders beside those of this file's materials that hold a result that none of these
     shows, and nothing else.
+
+    Not those of files that were not saved then: any file, saved since or elsewhere, may show them.
     """
-    return sorted(each for each in _results() - _shown() if _holds_nothing_else(each))
+    apart = preferences.kept_apart()
+    left = _results() - _shown()
+    if apart is not None:
+        left = {each for each in left if not each.is_relative_to(apart.resolve())}
+    return sorted(each for each in left if _holds_nothing_else(each))
 
 
 def _holds_nothing_else(folder: Path) -> bool:
@@ -71,7 +77,6 @@ def draw(layout: bpy.types.UILayout) -> None:
         row = layout.row(align=True)
         row.label(text=f"{len(results)} aged materials take {in_bytes(_bytes_in(results))}.")
         row.operator("tvbrdf.clean_up", icon="TRASH")
-    # Of files not saved then: any file, saved since or somewhere else, may show them.
     apart = preferences.kept_apart()
     if apart is not None and (kept := {report.parent for report in apart.rglob(REPORT)}):
         row = layout.row(align=True)

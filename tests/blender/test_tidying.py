@@ -47,6 +47,14 @@ def test_a_folder_with_anything_else_in_it_stays(steel, tmp_path: Path):
     assert tidying.left_over() == []
 
 
+def test_what_was_aged_in_an_unsaved_file_stays(steel, tmp_path: Path, monkeypatch):
+    """Another file, saved since, may show it."""
+    monkeypatch.setattr(tidying.preferences, "kept_apart", lambda: tmp_path / "aged")
+    age()
+    age()
+    assert tidying.left_over() == []
+
+
 def test_a_file_without_results_has_nothing_to_clean_up(empty_scene: bpy.types.Scene):
     assert tidying.left_over() == []
     assert not bpy.ops.tvbrdf.clean_up.poll()
