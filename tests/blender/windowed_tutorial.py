@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -86,9 +87,10 @@ def ages() -> bool:
 
 
 def forget_earlier_runs() -> None:
-    """A newcomer's machine knows nothing yet of how long runs take."""
+    """A newcomer's machine has kept nothing yet, and knows nothing of how long runs take."""
     preferences = importlib.import_module(f"{EXTENSION}.tvbrdf_addon.preferences")
     preferences.user_file("rates.json").unlink(missing_ok=True)
+    shutil.rmtree(preferences.user_file("cache"), ignore_errors=True)
 
 
 def five_clicks() -> Steps:
