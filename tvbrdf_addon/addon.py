@@ -12,6 +12,7 @@ from . import (
     learn_panel,
     look,
     menus,
+    mixing,
     models,
     operators,
     outlook,
@@ -35,6 +36,7 @@ CLASSES = (
     *finding.CLASSES,
     *presets.CLASSES,
     *learn_panel.CLASSES,
+    *mixing.CLASSES,
     *panels.CLASSES,
     *help.CLASSES,
 )

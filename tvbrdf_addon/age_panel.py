@@ -9,7 +9,7 @@ from __future__ import annotations
 import bpy
 
 from ..model_runtime.contract import EXACT
-from . import properties, session, strengths, suiting
+from . import mixing, properties, session, strengths, suiting
 from .destination import is_kept_apart
 from .drawing import guarded, paragraph
 from .estimate import in_bytes, in_time
@@ -99,6 +99,7 @@ def _draw_model(
         paragraph(beside, context, purpose_of(card), share=1 - _BESIDE)
     else:
         beside.prop(settings, "ntm_file", text="")
+    mixing.draw(layout, material)
 
 
 def _draw_action(

@@ -290,6 +290,12 @@ class TVBRDF_PG_material(Strengths, Masks, bpy.types.PropertyGroup):
         max=1.0,
         subtype="FACTOR",
     )
+    shader: bpy.props.StringProperty(
+        name="Shader",
+        description="Which Principled BSDF ages, of several that the surface mixes, by the names "
+        "of its groups and its own; empty for the one with the largest share",
+        options={"HIDDEN"},
+    )
     starts: bpy.props.StringProperty(
         name="Starts",
         description="Places in the world where aging starts before anywhere else, X,Y,Z in meters, "

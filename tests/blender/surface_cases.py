@@ -49,6 +49,15 @@ def hidden_second(material) -> None:
     tree.links.new(mix.outputs[0], end_of(material))
 
 
+def mixed_by_a_texture(material) -> None:
+    """A mix with a second Principled, which a texture tells apart: the first of them ages."""
+    tree, mix = material.node_tree, add(material, "ShaderNodeMixShader")
+    tree.links.new(add(material, "ShaderNodeTexNoise").outputs[0], mix.inputs["Fac"])
+    tree.links.new(principled_of(material).outputs[0], mix.inputs[1])
+    tree.links.new(add(material, "ShaderNodeBsdfPrincipled").outputs[0], mix.inputs[2])
+    tree.links.new(mix.outputs[0], end_of(material))
+
+
 def new_group(name: str = "Paint Group") -> bpy.types.NodeTree:
     group = bpy.data.node_groups.new(name, "ShaderNodeTree")
     group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
@@ -145,5 +154,8 @@ def through_a_group(material) -> None:
     tree.links.new(node.outputs[0], end_of(material))
 
 
-MIXERS = (mix_with_transparent, add_emission, nested_mixers, hidden_second, through_a_group)
+MIXERS = (
+    *(mix_with_transparent, add_emission, nested_mixers),
+    *(hidden_second, mixed_by_a_texture, through_a_group),
+)
 GROUPS = (in_a_group, in_nested_groups, in_a_group_used_twice)

@@ -182,26 +182,52 @@ def second_principled(material) -> bpy.types.Node:
     return mix
 
 
-def test_two_that_are_mixed_are_refused_by_name():
-    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
+@pytest.mark.parametrize(
+    ("factor", "chosen", "ages"),
+    [(0.5, "", ""), (0.6, "", "Moss"), (0.4, "", ""), (0.4, "Principled BSDF.001", "Moss")],
+)
+def test_of_two_that_are_mixed_the_larger_share_ages_or_the_chosen_one(
+    tmp_path, factor: float, chosen: str, ages: str
+):
+    from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
+
+    material = new_material()
+    second_principled(material).inputs["Fac"].default_value = factor
+    material.tvbrdf.shader = chosen
+    place = find_principled(material)
+    assert place.principled.label == ages
+    names = ("“Moss”", "“Principled BSDF”") if ages else ("“Principled BSDF”", "“Moss”")
+    said = f"mixes, {names[0]} ages, while {names[1]} stays as made."
+    obj = plane(material)
+    assert [each for each in read(material, obj, tmp_path).warnings if each.endswith(said)]
+    bind(material, obj, made_up(tmp_path / "aged", FORMATS[0]), tmp_path)
+    aged, kept = (find_principled(material).principled, find_principled(material).beside)
+    assert aged.label == ages
+    assert aged.inputs["Base Color"].is_linked
+    assert not kept[0].principled.inputs["Base Color"].is_linked
+
+
+def test_which_one_ages_is_chosen_in_a_menu():
+    from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 
     material = new_material()
     second_principled(material)
-    obj = plane(material)
-    said = why_not(material, obj)
-    assert "“Principled BSDF”" in said
-    assert "“Moss”" in said
+    plane(material)
+    (moss,) = find_principled(material).beside
+    assert bpy.ops.tvbrdf.choose_shader(path=moss.path) == {"FINISHED"}
+    assert find_principled(material).name == "“Moss”"
 
 
 def test_one_group_shown_twice_is_two_of_them():
-    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
+    from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 
     material = new_material()
     in_a_group_used_twice(material)
     mix = next(node for node in material.node_tree.nodes if node.type == "MIX_SHADER")
     mix.inputs["Fac"].default_value = 0.5
-    assert "in “Group”" in why_not(material, plane(material))
-    assert "in “Group.001”" in why_not(material, plane(material))
+    place = find_principled(material)
+    names = {each.name.rpartition(" in ")[2] for each in (place, *place.beside)}
+    assert names == {"“Group”", "“Group.001”"}
 
 
 def test_a_muted_group_is_named_as_what_it_is():
@@ -220,7 +246,6 @@ def test_a_muted_group_is_named_as_what_it_is():
 @pytest.mark.parametrize("by", ["socket", "value node", "group input"])
 @pytest.mark.parametrize(("factor", "shown"), [(0.0, "Principled BSDF"), (1.0, "Moss"), (0.2, "")])
 def test_a_factor_that_never_changes_decides(factor: float, shown: str, by: str):
-    from tvbrdf.tvbrdf_addon.errors import MaterialError
     from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 
     material = new_material()
@@ -246,16 +271,14 @@ def test_a_factor_that_never_changes_decides(factor: float, shown: str, by: str)
         node.node_tree = group
         node.inputs[0].default_value = factor
         material.node_tree.links.new(node.outputs[0], end_of(material))
+    place = find_principled(material)
     if shown:
-        found = find_principled(material).principled
-        assert (found.label or "Principled BSDF") == shown
-    else:
-        with pytest.raises(MaterialError, match="only one can be aged"):
-            find_principled(material)
+        assert (place.principled.label or "Principled BSDF") == shown
+    assert len(place.beside) == (0 if shown else 1)
 
 
 def test_a_color_as_factor_decides_nothing():
-    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
+    from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 
     material = new_material()
     mix = second_principled(material)
@@ -273,17 +296,17 @@ def test_a_color_as_factor_decides_nothing():
     for socket, theirs in zip(node.inputs[1:], mix.inputs[1:], strict=True):
         material.node_tree.links.new(theirs.links[0].from_socket, socket)
     material.node_tree.links.new(node.outputs[0], end_of(material))
-    assert "only one can be aged" in why_not(material, plane(material))
+    assert find_principled(material).beside
 
 
 def test_a_keyed_factor_decides_nothing():
-    from tvbrdf.tvbrdf_addon.material.reading.check import why_not
+    from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 
     material = new_material()
     factor = second_principled(material).inputs["Fac"]
     factor.default_value = 0.0
     factor.keyframe_insert("default_value", frame=1)
-    assert "only one can be aged" in why_not(material, plane(material))
+    assert find_principled(material).beside
 
 
 # A second Material Output

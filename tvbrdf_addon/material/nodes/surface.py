@@ -1,4 +1,4 @@
-"""Where the one Principled BSDF of a surface stands: behind mixers, in node groups."""
+"""Where the Principled BSDF of a surface stands that ages: behind mixers, in node groups."""
 
 from __future__ import annotations
 
@@ -32,16 +32,35 @@ class Place:
     """Where the Principled BSDF of a material stands.
 
     `output` is the Material Output that shows it, `groups` are the group nodes that it lies in,
-    the outermost first: none where it stands in the material's own tree.
+    the outermost first: none where it stands in the material's own tree.  `share` is how much of
+    the surface it is as far as factors are constant; of others it is a half.
     """
 
     output: bpy.types.Node
     principled: Principled
     groups: tuple[bpy.types.Node, ...] = ()
+    share: float = 1.0
 
     def input(self, identifier: str) -> bpy.types.NodeSocket:
         """An input of the Principled BSDF."""
         return input_socket(self.principled, identifier)
+
+    @property
+    def name(self) -> str:
+        """What an artist calls it, and the groups that it lies in."""
+        within = (f" in “{group.label or group.name}”" for group in reversed(self.groups))
+        return f"“{self.principled.label or self.principled.name}”" + "".join(within)
+
+    @property
+    def path(self) -> str:
+        """Which of a material's it is, for its settings."""
+        return "\n".join(node.name for node in (*self.groups, self.principled))
+
+    @property
+    def beside(self) -> Sequence[Place]:
+        """The others that the surface mixes with it: one is aged at a time."""
+        working = (place for place in _principleds(self.output) if not place.principled.mute)
+        return [place for place in working if place.path != self.path]
 
     @property
     def trees(self) -> tuple[bpy.types.NodeTree, ...]:
@@ -52,10 +71,11 @@ class Place:
 def find_principled(
     material: bpy.types.Material, *, owner: bpy.types.Material | None = None
 ) -> Place:
-    """The only Principled BSDF that the surface of `material` shows, in Cycles if it differs.
+    """The Principled BSDF that the surface of `material` shows, in Cycles if it differs; of several
+    the one that its settings name, else the first of those with the largest share.
 
     Where `material` is a temporary copy, `owner` is the material that it stands for.  Raises
-    `MaterialError` where there is none, or more than one.
+    `MaterialError` where there is none.
     """
     name = f"“{(owner or material).name}”"
     tree = material.node_tree
@@ -65,20 +85,11 @@ def find_principled(
             f"{name} has no Material Output:",
             "add one and connect a Principled BSDF to it.",
         )
-    shaders = list(_shaders(output.inputs["Surface"]))
-    found = [
-        Place(output, shader, groups)
-        for shader, groups in shaders
-        if isinstance(shader, Principled)
-    ]
-    working = [place for place in found if not place.principled.mute]
-    if len(working) == 1:
-        return working[0]
-    if working:
-        raise MaterialError(
-            f"The surface of {name} mixes {_listed(working)}, of which only one can be aged:",
-            "leave one, or age them as two materials.",
-        )
+    found = _principleds(output)
+    if working := [place for place in found if not place.principled.mute]:
+        chosen = material.tvbrdf.shader
+        named = (place for place in working if place.path == chosen)
+        return next(named, None) or max(working, key=lambda place: place.share)
     if found:
         raise MaterialError(f"The Principled BSDF of {name} is muted:", "unmute it.")
     wanted = "connect a Principled BSDF to the Material Output."
@@ -99,7 +110,7 @@ def why_not_in_eevee(place: Place) -> str | None:
     if other is None or other == place.output:
         return None
     shaders = _shaders(other.inputs["Surface"])
-    if any((node, groups) == (place.principled, place.groups) for node, groups in shaders):
+    if any((node, groups) == (place.principled, place.groups) for node, groups, _ in shaders):
         return None
     return (
         f"In EEVEE the material stays as it is, because “{other.name}” shows another surface: "
@@ -107,23 +118,23 @@ def why_not_in_eevee(place: Place) -> str | None:
     )
 
 
-def _listed(places: Sequence[Place]) -> str:
-    """The Principled BSDFs by what an artist calls them, and the groups that they lie in."""
-    said = [
-        f"“{place.principled.label or place.principled.name}”"
-        + "".join(f" in “{group.label or group.name}”" for group in reversed(place.groups))
-        for place in places
+def _principleds(output: bpy.types.Node) -> Sequence[Place]:
+    return [
+        Place(output, shader, groups, share)
+        for shader, groups, share in _shaders(output.inputs["Surface"])
+        if isinstance(shader, Principled)
     ]
-    return f"{', '.join(said[:-1])} and {said[-1]}"
 
 
-def _shaders(surface: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, _Groups]]:
-    """The shaders that a surface is mixed of, each once, with the group nodes that they lie in."""
+def _shaders(surface: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, _Groups, float]]:
+    """The shaders that a surface is mixed of, each once, with the group nodes that they lie in and
+    their share.
+    """
     seen: set[tuple[int, ...]] = set()
 
     def walk(
-        at: bpy.types.NodeSocket | None, groups: _Groups
-    ) -> Iterator[tuple[bpy.types.Node, _Groups]]:
+        at: bpy.types.NodeSocket | None, groups: _Groups, share: float
+    ) -> Iterator[tuple[bpy.types.Node, _Groups, float]]:
         source = resolve(at) if at is not None else None
         if source is None or not source.is_output:
             return
@@ -134,35 +145,35 @@ def _shaders(surface: bpy.types.NodeSocket) -> Iterator[tuple[bpy.types.Node, _G
         seen.add(key)
         if node.type == "GROUP_INPUT":
             if groups:
-                yield from walk(_like(groups[-1].inputs, source), groups[:-1])
+                yield from walk(_like(groups[-1].inputs, source), groups[:-1], share)
         elif node.type == "GROUP":
             if node.node_tree is not None and not node.mute and len(groups) < _DEEPEST:
                 for end in node.node_tree.nodes:
                     if end.type == "GROUP_OUTPUT" and end.is_active_output:
-                        yield from walk(_like(end.inputs, source), (*groups, node))
+                        yield from walk(_like(end.inputs, source), (*groups, node), share)
         elif node.type == "MIX_SHADER":
-            for socket in _mixed(node, groups):
-                yield from walk(socket, groups)
+            for socket, weight in _weighed(node, groups):
+                yield from walk(socket, groups, weight * share)
         else:
-            yield node, groups
+            yield node, groups, share
             for socket in node.inputs:
                 if socket.type == "SHADER":
-                    yield from walk(socket, groups)
+                    yield from walk(socket, groups, share)
 
-    yield from walk(surface, ())
+    yield from walk(surface, (), 1.0)
 
 
-def _mixed(node: bpy.types.Node, groups: _Groups) -> Sequence[bpy.types.NodeSocket]:
-    """The shaders that a Mix Shader shows: both, or one where its factor is always 0 or 1."""
+def _weighed(node: bpy.types.Node, groups: _Groups) -> Sequence[tuple[bpy.types.NodeSocket, float]]:
+    """The shaders that a Mix Shader shows with their shares: both, or one where its factor is
+    always 0 or 1.
+    """
     factor, first, second = node.inputs
     source = resolve(factor, groups)
     constant = not source.is_output or source.node.type == "VALUE"
+    share = 0.5
     if constant and source.type == "VALUE" and not is_animated(source):
-        if source.default_value <= 0:
-            return (first,)
-        if source.default_value >= 1:
-            return (second,)
-    return (first, second)
+        share = min(max(source.default_value, 0.0), 1.0)
+    return [each for each in ((first, 1 - share), (second, share)) if each[1] > 0]
 
 
 def _like(

@@ -68,6 +68,12 @@ def surprising(place: Place, space: Space, material: bpy.types.Material) -> list
     that need none but for what is painted.
     """
     found = []
+    if others := [each.name for each in place.beside]:
+        stays = "stays" if len(others) == 1 else "stay"
+        found.append(
+            f"Of what the surface of “{material.name}” mixes, {place.name} ages, while "
+            f"{' and '.join(others)} {stays} as made."
+        )
     if (unaged := why_not_in_eevee(place)) is not None:
         found.append(unaged)
     if space.kind == "uv" and choose_space(place.principled, place.groups).kind == "texture":
