@@ -14,7 +14,18 @@ from . import torrance_sparrow
 from .fit import fit_angles, fit_torrance_sparrow, relative_error
 from .views import Views, other_views, psnr_of, views
 
-__all__ = ("DOUBTFUL", "WELL_HELD", "Measurements", "SeenFit", "fit_seen")
+__all__ = (
+    "DOUBTFUL",
+    "LEAST_ROOT",
+    "STEPS",
+    "WELL_HELD",
+    "Measurements",
+    "SeenFit",
+    "fit_seen",
+    "nearest",
+    "rooted",
+    "unrooted",
+)
 
 WELL_HELD = 45.0
 """dB from which nothing is refined: hardly anybody sees what is still missing."""
@@ -22,14 +33,18 @@ WELL_HELD = 45.0
 DOUBTFUL = 30.0
 """dB below which the user is told what is missing."""
 
-_STEPS = 20
+STEPS = 20
+"""By which parameters are brought closer."""
+
 _DAMPING, _EASED, _STIFFENED = 0.1, 0.3, 4.0  # of a step, at first and after one that helped or not
 _LEAST_STIFF = 1e-9
 _NUDGE = 1e-3  # of a parameter, for its slope
 _TOGETHER = 8  # materials: what they need stays small
 _RELATIVE = 0.002  # of the loss: what no view shows
 _DARK = 0.01  # 1/sr; a near-black diffuse
-_LEAST = 0.02  # root of a reflectance, that descends away from 0
+
+LEAST_ROOT = 0.02
+"""Least root of a reflectance at first, that descends away from 0."""
 
 Evaluate = Callable[[Tensor, Tensor], Tensor]
 """(parameters [N, D], angles [M, 3]) -> f [N, M, 3]"""
@@ -56,20 +71,31 @@ class Measurements:
         """How near values `f` [N, M, 3] at `other_views()` look, in dB [N]."""
         return psnr_of(*_shown(other_views(), self.held_back, f))
 
-    def nearest(self, start: Tensor, evaluate: Evaluate) -> Tensor:
+    def nearest(self, start: Tensor, evaluate: Evaluate, steps: int = STEPS) -> Tensor:
         """Parameters [N, D] that look nearer than `start` at `views()`; `start`, where there are
         none.
         """
-        parts = zip(self.read.split(_TOGETHER), start.split(_TOGETHER), strict=True)
-        return torch.cat([_nearest(truth, first, evaluate) for truth, first in parts])
+        return nearest(self.read, start, evaluate, steps)
+
+    def missed(self, parameters: Tensor, evaluate: Evaluate) -> Tensor:
+        """How much `parameters` [N, D] miss of what is seen at `views()`: [N], what `nearest`
+        makes less.
+        """
+        return _missing(self.read, evaluate(parameters, views().angles)).square().sum(1)
 
 
-def _nearest(truth: Tensor, x: Tensor, evaluate: Evaluate) -> Tensor:
+def nearest(read: Tensor, start: Tensor, evaluate: Evaluate, steps: int = STEPS) -> Tensor:
+    """`Measurements.nearest` of values `read` [N, M, 3] at `views()`."""
+    parts = zip(read.split(_TOGETHER), start.split(_TOGETHER), strict=True)
+    return torch.cat([_nearest(truth, first, evaluate, steps) for truth, first in parts])
+
+
+def _nearest(truth: Tensor, x: Tensor, evaluate: Evaluate, steps: int) -> Tensor:
     """By the method of Levenberg and Marquardt, each of N materials for itself."""
     angles = views().angles
     left = _missing(truth, evaluate(x, angles))
     damping = torch.full_like(x[:, 0], _DAMPING)
-    for _ in range(_STEPS):
+    for _ in range(steps):
         slopes = _slopes(truth, x, left, evaluate).double()
         square = slopes @ slopes.mT
         stiff = damping[:, None, None] * torch.eye(x.shape[1]) * (square + _LEAST_STIFF)
@@ -134,8 +160,8 @@ def fit_seen(evaluate: Callable[[Tensor], Tensor], specular: Specular = "rgb") -
     off = (db < WELL_HELD).nonzero()[:, 0]
     if len(off):
         some = measured[off]
-        found = some.nearest(_rooted(states[off]), lambda x, a: _values(x, a, specular))
-        refined = _states(found, specular)
+        found = some.nearest(rooted(states[off]), lambda x, a: _values(x, a, specular))
+        refined = unrooted(found, specular)
         nearer = some.psnr(torrance_sparrow.evaluate(*optics(refined), angles))
         better = nearer > db[off]
         rows = off[better]
@@ -145,13 +171,13 @@ def fit_seen(evaluate: Callable[[Tensor], Tensor], specular: Specular = "rgb") -
     return SeenFit(states, error, db)
 
 
-def _rooted(states: Tensor) -> Tensor:
+def rooted(states: Tensor) -> Tensor:
     """Coordinates [N, C] without bounds: roots of reflectances, and alpha's logarithm."""
-    roots = states[:, : WIDTH - 1].sqrt().clamp_min(_LEAST)
+    roots = states[:, : WIDTH - 1].sqrt().clamp_min(LEAST_ROOT)
     return torch.cat((roots, states[:, WIDTH - 1 :].log()), 1)
 
 
-def _states(rooted: Tensor, specular: Specular) -> Tensor:
+def unrooted(rooted: Tensor, specular: Specular) -> Tensor:
     kd, ks = rooted[:, KD].square(), rooted[:, KS].square()
     if specular == "mono":
         ks = ks.mean(1, keepdim=True).expand_as(ks)
@@ -159,4 +185,4 @@ def _states(rooted: Tensor, specular: Specular) -> Tensor:
 
 
 def _values(rooted: Tensor, angles: Tensor, specular: Specular) -> Tensor:
-    return torrance_sparrow.evaluate(*optics(_states(rooted, specular)), angles)
+    return torrance_sparrow.evaluate(*optics(unrooted(rooted, specular)), angles)

@@ -8,7 +8,7 @@ from ..backend import Tensor, torch
 from ..channels import ALPHA_MIN
 from .half_angle import cosines
 
-__all__ = ("evaluate", "specular_lobe")
+__all__ = ("evaluate", "ggx", "specular_lobe")
 
 
 def specular_lobe(alpha: Tensor, angles: Tensor) -> Tensor:
@@ -20,15 +20,21 @@ def specular_lobe(alpha: Tensor, angles: Tensor) -> Tensor:
     mirrors (alpha = 1e-4) exact in single precision.
     """
     cos_i, cos_o, _, _ = cosines(angles)
-    sin2_h = angles[..., 0].sin().square()
     a2 = alpha.clamp_min(ALPHA_MIN).square()[:, None]
-    distribution = a2 / (math.pi * (sin2_h + a2 * (1 - sin2_h)).square())
 
     def masking_over_cosine(cos: Tensor) -> Tensor:
         cos = cos.clamp(0, 1)
         return 2 / (cos + (cos.square() + a2 * (1 - cos.square())).sqrt())
 
-    return distribution * masking_over_cosine(cos_i) * masking_over_cosine(cos_o) / 4
+    return ggx(a2, angles) * masking_over_cosine(cos_i) * masking_over_cosine(cos_o) / 4
+
+
+def ggx(a2: Tensor, angles: Tensor) -> Tensor:
+    """D [N, M] for squared alphas `a2` [N, 1], with sin^2 theta_h for 1 - cos_h^2 (see
+    `specular_lobe`).
+    """
+    sin2_h = angles[..., 0].sin().square()
+    return a2 / (math.pi * (sin2_h + a2 * (1 - sin2_h)).square())
 
 
 def evaluate(kd: Tensor, ks: Tensor, alpha: Tensor, angles: Tensor) -> Tensor:

@@ -11,6 +11,12 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
+from model_runtime.brdf import lobes
+from model_runtime.brdf.fit import fit_angles
+from model_runtime.brdf.lobes import LobedFit, one_more
+from model_runtime.brdf.refinement import Measurements, fit_seen
+from model_runtime.brdf.views import views
+from model_runtime.channels import WIDTH
 from model_runtime.model_files.weights import read_card
 from model_runtime.representation.latents import PAPER_SAMPLES, Latents
 from model_runtime.representation.measured import encode_measured
@@ -21,7 +27,7 @@ from ...baselines.encoders import Encoder, load_encoder
 from ..bench.encoders import trained_encoder
 from ..bench.results import chosen
 from .results import Cost
-from .sets import Evaluate, Materials
+from .sets import FRAMES, Evaluate, Materials
 
 __all__ = (
     "METHODS",
@@ -38,6 +44,7 @@ _CURVE = (16, 32, 64, 128, 256, 512, 1_024, 4_096, PAPER_SAMPLES)
 _AT_ONCE = 1 << 16
 _TIMED_DIRECTIONS = 2_048
 _MEASURED_BY_NETWORKS = ("merl_seen", "merl_held_out", "rgl")
+_ONE_LOBE = ("torrance_sparrow", *FRAMES)
 
 
 @dataclass(frozen=True)
@@ -244,6 +251,64 @@ class NetworkMethod:
         )
 
 
+@dataclass(frozen=True)
+class LobesMethod:
+    """A diffuse term and as many `lobes`, fitted by what is seen as `age` does it, whatever they
+    gain: what maps and curves hold of a measured material. Torrance-Sparrow's own sets say nothing
+    of it.
+    """
+
+    lobes: int
+
+    def applies_to(self, name: str) -> bool:
+        """All but the sets whose truth is one lobe."""
+        return name not in _ONE_LOBE
+
+    def settings(self) -> tuple[Setting, ...]:
+        """None: it always reads the same directions."""
+        return ()
+
+    def hold(self, materials: Materials, setting: Setting | None = None) -> Held:
+        """Fit all rows, with one lobe and then with more."""
+        start = time.process_time()
+        fit = LobedFit.of(fit_seen(materials.every))
+        if self.lobes > 1:
+            measured = Measurements.of(materials.every)
+            for _ in range(1, self.lobes):
+                fit = one_more(measured, fit)
+        seconds = time.process_time() - start
+        return Held(
+            lambda rows, angles: lobes.evaluate(fit.lobed[rows], angles),
+            materials.n,
+            seconds,
+            texel=False,
+        )
+
+    def point(self, held: Sequence[Held], setting: Setting) -> tuple[int, int | None, float]:
+        """As it was held."""
+        spent, n = (sum(getattr(one, name) for one in held) for name in ("seconds", "n"))
+        return setting.samples, None, round(1e3 * spent / n, 4)
+
+    def cost(self, held: Sequence[Held]) -> Cost:
+        """`encode_ms` is the fit."""
+        angles = PaperRepresentation().sample_angles(_TIMED_DIRECTIONS)
+        some, rows = held[0], torch.arange(held[0].n)
+        decode = _seconds(lambda: some.evaluate(rows, angles))
+        read = len(fit_angles()) + len(views().angles)
+        samples, _, encode_ms = self.point(held, Setting(read))
+        numbers = WIDTH + (self.lobes - 1) * lobes.FURTHER
+        return Cost(
+            parameters=numbers,
+            latent_dims=numbers,
+            encode_ms=encode_ms,
+            decode_us_per_sample=round(1e6 * decode / len(angles) / some.n, 4),
+            train_minutes=None,
+            train_iterations=None,
+            samples=samples,
+            texel_samples=samples,
+        )
+
+
 _SLOW = {"together": 2, "texel_samples": _TEXEL_SAMPLES}
 
 METHODS: Mapping[str, Mapping[str, Any]] = {
@@ -252,26 +317,37 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
     "paper_long": _SLOW,
     "brdfnps": _SLOW,
     "nbrdf": {},
+    "one_lobe": {"lobes": 1},
+    "two_lobes": {"lobes": 2},
+    "three_lobes": {"lobes": 3},
 }
-"""By name, how an encoder is used. `paper_long` may be absent."""
+"""By name, how it is used."""
+
+_OPTIONAL = ("one_lobe", "two_lobes", "three_lobes", "paper_long")
+"""Not compared unless they are asked for; the last one is where its weights are there."""
 
 
 def load_methods(
     names: Sequence[str] | None, *, weights: Path, cache: Path, budget: Budget
 ) -> dict[str, Method]:
-    """The methods `names` (all by default, the optional ones if their weights are there).
+    """The methods `names` (by default all but the optional ones).
 
     Raises `UsageError` for an unknown name, `ModelFileError` for weights that are missing.
     """
     wanted = chosen("method", names, METHODS)
-    if names is None and not (weights / "paper_long.safetensors").exists():
-        wanted = tuple(name for name in wanted if name != "paper_long")
+    if names is None:
+        long_is_there = (weights / "paper_long.safetensors").exists()
+        left_out = _OPTIONAL[: len(_OPTIONAL) - long_is_there]
+        wanted = tuple(name for name in wanted if name not in left_out)
     methods: dict[str, Method] = {}
     for name, use in METHODS.items():
         if name not in wanted:
             continue
         if name == "nbrdf":
             methods[name] = NetworkMethod(cache, budget)
+            continue
+        if "lobes" in use:
+            methods[name] = LobesMethod(**use)
             continue
         path = trained_encoder(name, weights)
         model = EncoderMethod(load_encoder(path), read_card(path).trained)
