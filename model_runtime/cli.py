@@ -153,6 +153,11 @@ def _add_age_options(age: argparse.ArgumentParser) -> None:
     )
     age.add_argument("--starts", metavar="X,Y,Z;...", help="places in the world where it starts")
     age.add_argument("--mask", metavar="IMAGE", help="what is painted, laid out as the surface is")
+    age.add_argument(
+        "--light",
+        metavar="IMAGE",
+        help="ages by the light that falls on each texel, laid out likewise",
+    )
     age.add_argument("--pattern-size", type=float, metavar="METERS", help="of its patches")
     age.add_argument(
         "--amount",

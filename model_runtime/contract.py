@@ -223,6 +223,7 @@ class AgeRequest:
     starts: str | None = None
     mask: Path | None = None
     mask_means: MaskMeaning = "first"
+    light: Path | None = None
     grain: float = 1.0
 
 

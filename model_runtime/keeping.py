@@ -35,7 +35,7 @@ from .surface.maps import surface_files
 
 __all__ = ("age_or_take",)
 
-_PLACES = ("input", "ntm", "output", "onset", "device", "surface", "mask")
+_PLACES = ("input", "ntm", "output", "onset", "device", "surface", "mask", "light")
 """Settings that say where something is: what is there counts instead."""
 
 _WAITING = "waiting for a run that makes the same"
@@ -121,6 +121,7 @@ class _Same:
             "encoder": ENCODER,
             "estimator": ESTIMATOR,
             "mask": request.mask,
+            "light": request.light,
             "onset": image,
         }
         others = {name: _Content.of(file) for name, file in files.items() if file is not None}

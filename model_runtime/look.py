@@ -10,8 +10,9 @@ from PIL import Image
 from .backend import torch
 from .contract import LOOKS, AgeRequest
 from .errors import InputError, OutputError, reason, shown
+from .maps import Pixels
 from .memory import memory_in_words
-from .modelling.start import read_start
+from .modelling.start import Start, read_start
 from .run import Reporter, Run
 from .surface.maps import read_surface
 from .surface.pictures import seen_from
@@ -31,12 +32,9 @@ def look(request: AgeRequest, reporter: Reporter) -> dict[str, Any]:
     with memory_in_words("Choose a smaller size."), torch.inference_mode():
         run.progress("read", 0.0)
         start = read_start(run)
-        if start.apart is not None:
-            onset = start.apart[0]
-        elif start.texels.onset is not None:
-            onset = start.texels.onset.numpy().reshape(start.size)
-        else:
+        if start.apart is None and start.texels.onset is None:
             raise InputError(_NO_SURFACE, "There is nothing to look at.")
+        onset = _late(start, lit=request.light is not None)
         run.progress("write", 0.8)
         atlas = read_surface(request.surface or request.input)
         try:
@@ -50,3 +48,15 @@ def look(request: AgeRequest, reporter: Reporter) -> dict[str, Any]:
                 "Choose another folder.",
             ) from error
     return {"pictures": [*LOOKS], **start.grown}
+
+
+def _late(start: Start, *, lit: bool) -> Pixels:
+    """How late texels start, or of what is `lit` how far it stays behind: [H, W], 0 to 1."""
+    if start.apart is not None:
+        onset, rate = start.apart
+    else:
+        onset, rate = (
+            np.ones(start.size, np.float32) if each is None else each.numpy().reshape(start.size)
+            for each in (start.texels.onset, start.texels.rate)
+        )
+    return np.maximum(onset, 1 - rate) if lit else onset

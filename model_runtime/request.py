@@ -95,7 +95,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
     for name in ("input", "ntm", "output"):
         if not isinstance(given.get(name), str) or not given[name]:
             raise UsageError(f"The setting {name} is missing.", "Give it as text.")
-    for name in ("onset", "device", "surface", "exposure", "starts", "mask", *CHOICES):
+    for name in ("onset", "device", "surface", "exposure", "starts", "mask", "light", *CHOICES):
         if name in given and not isinstance(given[name], str):
             raise UsageError(f"The setting {name} must be text, not {shown(given[name])}.")
     for name, choices in CHOICES.items():
@@ -130,7 +130,7 @@ def request_from(fields: Mapping[str, Any]) -> AgeRequest:
         given["grain"] = float(value)
     _check_growth(given)
     given["input"], given["output"] = Path(given["input"]), Path(given["output"])
-    for name in {"surface", "mask"} & given.keys():
+    for name in {"surface", "mask", "light"} & given.keys():
         given[name] = Path(given[name])
     return AgeRequest(**given)
 

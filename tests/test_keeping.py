@@ -47,6 +47,7 @@ def source(tmp_path: Path) -> Path:
     write_vectors(surface / "position.exr", np.stack([columns / 16, 0 * rows, -rows / 16], -1))
     write_vectors(surface / "normal.exr", np.full((16, 16, 3), (0.0, -1.0, 0.0), np.float32))
     write_exr(tmp_path / "mask.exr", (columns < 8).astype(np.float32))
+    write_exr(tmp_path / "light.exr", rows / 16)
     write_exr(tmp_path / "onset.exr", columns / 16)
     shutil.copy(find_model("rust"), tmp_path / "model.safetensors")
     return folder
@@ -125,7 +126,7 @@ def same_as(request: AgeRequest) -> str:
 def test_any_setting_makes_another(source: Path):
     request = asked(source)
     fields = {field.name for field in dataclasses.fields(request)}
-    assert fields == {*SETTINGS, "input", "ntm", "output", "device", "surface", "mask"}
+    assert fields == {*SETTINGS, "input", "ntm", "output", "device", "surface", "mask", "light"}
     others = [dataclasses.replace(request, **{name: value}) for name, value in SETTINGS.items()]
     assert len({same_as(each) for each in (request, *others)}) == len(SETTINGS) + 1
 
@@ -134,6 +135,7 @@ def test_so_does_any_content_and_its_name_does_not(source: Path):
     place = source.parent
     request = dataclasses.replace(
         asked(source, surface=place / "surface", mask=place / "mask.exr"),
+        light=place / "light.exr",
         ntm=str(place / "model.safetensors"),
         onset=str(place / "onset.exr"),
     )
@@ -142,6 +144,7 @@ def test_so_does_any_content_and_its_name_does_not(source: Path):
         source / "Metallic.exr",
         place / "surface" / "normal.exr",
         place / "mask.exr",
+        place / "light.exr",
         place / "onset.exr",
         place / "model.safetensors",
     ):

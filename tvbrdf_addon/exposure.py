@@ -57,7 +57,12 @@ def asked(settings: Any) -> dict[str, Any]:
     }
 
 
-def draw(layout: bpy.types.UILayout, settings: Any) -> None:
+def draw(layout: bpy.types.UILayout, settings: Any, *, spreads: bool) -> None:
+    if not spreads:
+        column = layout.column()
+        column.prop(settings, "amount", slider=True)
+        column.prop(settings, "use_alike")
+        return
     layout.prop(settings, "use_own_exposure")
     if settings.use_own_exposure:
         column = known(layout).column(align=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..model_runtime.contract import AUTO, LIVE
-from . import masks
+from . import lights, masks, properties
 from .errors import MaterialError
 
 if TYPE_CHECKING:
@@ -78,6 +78,7 @@ def growth(
         tiles=reading.tiles,
         alike=settings.use_alike,
         mask=mask,
+        light=lights.asked(settings, properties.card_of(settings), scene),
         kept=Path(bpy.app.tempdir) / "surfaces",
     )
     apart = needs_no_texels(request)
@@ -93,4 +94,6 @@ def growth(
         fields["timing_apart"] = True
     if maps.mask is not None:
         fields |= {"mask": str(maps.mask), "mask_means": white}
+    if maps.light is not None:
+        fields["light"] = str(maps.light)
     return Growth(fields, maps.own, maps.notes, maps.seconds)

@@ -13,7 +13,7 @@ import bpy.utils.previews
 
 from ..model_runtime.contract import LOOKS
 from ..model_runtime.errors import Cancelled
-from . import exposure, masks
+from . import exposure, lights, masks, properties
 from .errors import MaterialError
 from .run import Plan, Run
 from .worker import Worker
@@ -64,7 +64,11 @@ class Look(Run):
 def _asked(settings: Any) -> dict[str, Any]:
     """What the pictures depend on, of a material's settings."""
     said = exposure.asked(settings)
-    return {"ntm": settings.ntm, "seed": settings.seed, "mask": masks.asked(settings), **said}
+    by = {
+        "mask": masks.asked(settings),
+        "light": lights.told(settings, properties.card_of(settings)),
+    }
+    return {"ntm": settings.ntm, "seed": settings.seed, **by, **said}
 
 
 def _show(shown: _Shown, folder: Path) -> None:
@@ -85,9 +89,14 @@ def draw(layout: bpy.types.UILayout, material: bpy.types.Material) -> None:
         row.template_icon(_shown.pictures[name].icon_id, scale=_SCALE)
     changed = _shown.asked != _asked(material.tvbrdf)
     layout.label(
-        text="The settings have changed since." if changed else "What is dark starts first.",
+        text="The settings have changed since." if changed else _meaning(material.tvbrdf),
         icon="INFO",
     )
+
+
+def _meaning(settings: Any) -> str:
+    lit = lights.counts(settings, properties.card_of(settings))
+    return "What is dark ages most." if lit else "What is dark starts first."
 
 
 def unregister() -> None:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
-from . import age_panel, exposure, learn_panel, look, masks, properties, session, strengths
+from . import age_panel, exposure, learn_panel, lights, look, masks, properties, session, strengths
 from .drawing import guarded, paragraph
 from .help import draw_question_mark
 from .known import known, scene_of
@@ -68,7 +68,9 @@ def _draw_start(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     layout.enabled = session.current() is None and material.library is None
     layout.prop(material.tvbrdf, "onset")
     if material.tvbrdf.onset == AUTO:
-        exposure.draw(layout, material.tvbrdf)
+        card = properties.card_of(material.tvbrdf)
+        lights.draw(layout, material.tvbrdf, card)
+        exposure.draw(layout, material.tvbrdf, spreads=not lights.counts(material.tvbrdf, card))
         masks.draw(layout, context, material)
         look.draw(layout, material)
     if is_invertible(material):

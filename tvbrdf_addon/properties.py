@@ -26,6 +26,7 @@ from ..model_runtime.contract import (
 from ..model_runtime.model_files import weights
 from . import exposure, preferences, suiting
 from .known import scene_of
+from .lights import Lights
 from .masks import Masks, is_still
 from .material.binding.retime import retime
 from .material.nodes.age import frame_range
@@ -134,7 +135,7 @@ def _take_exposure_over(self: TVBRDF_PG_material, _context: bpy.types.Context) -
         exposure.take_over(self.exposure, card_of(self))
 
 
-class TVBRDF_PG_material(Strengths, Masks, bpy.types.PropertyGroup):
+class TVBRDF_PG_material(Strengths, Masks, Lights, bpy.types.PropertyGroup):
     """How a material is aged, and what it was before."""
 
     ntm: bpy.props.EnumProperty(

@@ -25,7 +25,7 @@ from ..representation.latents import Representation
 from ..run import Run
 from ..surface.atlas import Atlas
 from ..surface.exposure import Exposure
-from ..surface.maps import read_mask, read_surface, surface_files
+from ..surface.maps import read_light, read_mask, read_surface, surface_files
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course, course_of
 from .residues import Laid, lay
@@ -36,8 +36,8 @@ __all__ = ("Models", "Start", "read_start", "wear_of")
 _LOOKED_AT = 1 << 16  # texels, evenly spaced, that tell whether there is wear at all
 _LEAST_WEAR = 0.01  # share of them
 _NO_SURFACE = (
-    "Exposure, starts, mask, pattern size and amount say how aging grows over a surface, and count "
-    "for nothing without one or where an onset is given."
+    "Exposure, starts, mask, light, pattern size and amount say how aging grows over a surface, "
+    "and count for nothing without one or where an onset is given."
 )
 
 
@@ -102,17 +102,20 @@ def read_start(run: Run) -> Start:
         exposure = exposure_of(request, models.ntm)
         atlas = _read_surface(run, models.ntm, hashes)
         marks = _read_mask(run, models.ntm, atlas, hashes)
+        light = _read_light(run, models.ntm, atlas, hashes)
         course, worn = None, None
         if exposure.wear > 0 and not isinstance(material, MeasuredBRDF):
             course, worn = wear_of(models.ntm, initial, size)
         apart = None
         repeats = request.timing_apart and size != (1, 1)
         if repeats:
-            onset, rate, grown = _timing(run, models.ntm, (1, 1), exposure, None, atlas, marks)
+            onset, rate, grown = _timing(
+                run, models.ntm, (1, 1), exposure, None, atlas, marks, light
+            )
             if onset is not None and rate is not None:
                 apart, onset, rate = (onset, rate), np.zeros(size, np.float32), None
         else:
-            onset, rate, grown = _timing(run, models.ntm, size, exposure, worn, atlas, marks)
+            onset, rate, grown = _timing(run, models.ntm, size, exposure, worn, atlas, marks, light)
         if onset is not None and size == (1, 1):
             size = onset.shape[0], onset.shape[1]
             initial = initial.expand(size[0] * size[1], -1)
@@ -164,15 +167,16 @@ def _timing(
     worn: NDArray[np.bool_] | None,
     atlas: Atlas | None,
     marks: Mapping[str, Pixels],
+    light: Pixels | None,
 ) -> tuple[Pixels | None, Pixels | None, dict[str, Any]]:
     """When and how fast texels age, [H, W] each, and what `aged.json` says of their surface."""
     request = run.request
     if atlas is None or not _grows(run, ntm):
-        asked = request.exposure, request.pattern_size, request.starts, request.mask
+        asked = request.exposure, request.pattern_size, request.starts, request.mask, request.light
         if any(asked) or request.amount < 1:
             run.warn(_NO_SURFACE)
         return *timing_maps(request, ntm, size, worn), {}
-    found = grown_timing(request, ntm, size, atlas, exposure, worn, marks)
+    found = grown_timing(request, ntm, size, atlas, exposure, worn, marks, light)
     mask = {"mask": request.mask_means} if request.mask else {}
     account = {"seam_ratio": found.seam_ratio, "surface": found.account | mask}
     return found.onset, found.rate, account
@@ -207,6 +211,18 @@ def _read_mask(
     with _unchanged(mask):
         hashes["mask"] = hash_file(mask)
         return read_mask(mask, run.request.mask_means, atlas)
+
+
+def _read_light(
+    run: Run, ntm: NeuralTemporalModel, atlas: Atlas | None, hashes: dict[str, Any]
+) -> Pixels | None:
+    """The light that falls on the surface, where that is to say how fast it ages."""
+    light = run.request.light
+    if light is None or atlas is None or not _grows(run, ntm):
+        return None
+    with _unchanged(light):
+        hashes["light"] = hash_file(light)
+        return read_light(light, atlas)
 
 
 def _read_models(run: Run) -> tuple[Models, dict[str, Any]]:

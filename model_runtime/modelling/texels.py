@@ -23,6 +23,7 @@ from ..reading.inputs import Material
 from ..resampling import resize
 from ..surface.atlas import Atlas
 from ..surface.exposure import WEAR, Exposure
+from ..surface.light import lit_timing
 from ..surface.timing import SurfaceTiming, surface_timing
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
@@ -179,9 +180,10 @@ def grown_timing(
     exposure: Exposure,
     worn: NDArray[np.bool_] | None = None,
     marks: Mapping[str, Pixels] | None = None,
+    light: Pixels | None = None,
 ) -> SurfaceTiming:
-    """The same by growth over the surface that `atlas` shows, of whose texels `marks` tell more, at
-    its own shape where the material is uniform.
+    """The same by growth over the surface that `atlas` shows, of whose texels `marks` tell more, or
+    by the `light` that falls on them, at its own shape where the material is uniform.
     """
     marks = dict(marks or {})
     if worn is not None:
@@ -189,6 +191,8 @@ def grown_timing(
     if size == (1, 1):
         scale = (request.size or _UNIFORM_SIZE) / max(atlas.size)
         size = max(1, round(atlas.size[0] * scale)), max(1, round(atlas.size[1] * scale))
+    if light is not None:
+        return lit_timing(atlas, light, size, amount=request.amount, marks=marks)
     return surface_timing(
         atlas,
         ntm.card.process,

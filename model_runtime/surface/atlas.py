@@ -87,7 +87,8 @@ class Atlas:
         return float((inside.max(0) - inside.min(0)).max())
 
     @cached_property
-    def _nearest(self) -> NDArray[np.int64]:
+    def nearest(self) -> NDArray[np.int64]:
+        """The number of the covered texel that is nearest to each, [H, W]."""
         return nearest_covered(self.covered)
 
     def _slope(self, axis: int) -> Array:
@@ -126,7 +127,7 @@ class Atlas:
         x = (column + 0.5) * (old_width / width) - 0.5
         near = np.rint(y).astype(np.int64).clip(0, old_height - 1) * old_width
         near += np.rint(x).astype(np.int64).clip(0, old_width - 1)
-        baked = self._nearest.reshape(-1).take(near)
+        baked = self.nearest.reshape(-1).take(near)
         down, across = (slope.reshape(-1, 3) for slope in self.slopes)
         position = self.position.reshape(-1, 3).take(baked, 0)
         for slope, offset in (
@@ -150,7 +151,7 @@ class Atlas:
         row += rows.start
         near = (row * 2 + 1) * old_height // (2 * height) * old_width
         near += (column * 2 + 1) * old_width // (2 * width)
-        old_row, old_column = np.divmod(self._nearest.reshape(-1).take(near), old_width)
+        old_row, old_column = np.divmod(self.nearest.reshape(-1).take(near), old_width)
         source = (old_row * 2 + 1) * height // (2 * old_height) * width
         source += (old_column * 2 + 1) * width // (2 * old_width)
         return row * width + column, source

@@ -22,7 +22,7 @@ from ..resampling import resize
 from .atlas import Atlas
 from .exposure import BLOCKED, SOUGHT
 
-__all__ = ("read_mask", "read_surface", "surface_files")
+__all__ = ("read_light", "read_mask", "read_surface", "surface_files")
 
 _NAMES = {
     "position": ("position", "position_world", "world_position", "pos"),
@@ -90,6 +90,11 @@ def read_mask(file: Path, means: MaskMeaning, atlas: Atlas) -> dict[str, Pixels]
     if means == "first":
         return {SOUGHT: white}
     return {BLOCKED: white if means == "never" else 1 - white}
+
+
+def read_light(file: Path, atlas: Atlas) -> Pixels:
+    """The light, 0 to 1, that an image laid out as `atlas` says falls on its texels: [H, W]."""
+    return _read_scalar(file, atlas.size)
 
 
 def _stamp(file: Path) -> tuple[int, ...]:

@@ -19,16 +19,19 @@ from .atlas import MOST_KEPT, Atlas
 from .exposure import BLOCKED, WEAR, Exposure
 from .seams import Seen
 
-__all__ = ("SurfaceTiming", "surface_timing")
+__all__ = ("WHITE", "SurfaceTiming", "surface_timing")
 
 Array = NDArray[np.float32]
 
 _CHUNK = 1 << 16  # texels of a step
 _WORKERS = 2
-_WHITE = 0.999  # of what blocks: such texels never start
 _STAINS = (0.0, 0.1)
 _LEAST = np.float32(1e-3)
 _CURVE = np.linspace(0, 1, 11).round(1)  # times at which `aged.json` tells how much has started
+
+
+WHITE = 0.999
+"""Of what blocks: such texels never start."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +151,7 @@ def _blocked(atlas: Atlas, marks: Mapping[str, Array]) -> NDArray[np.bool_]:
     """Which baked texels never start: [H W]."""
     known = marks.get(BLOCKED, atlas.features.get(BLOCKED))
     none = np.zeros(atlas.covered.size, bool)
-    return none if known is None else known.reshape(-1) >= _WHITE
+    return none if known is None else known.reshape(-1) >= WHITE
 
 
 def _counted(atlas: Atlas, blocked: NDArray[np.bool_], marks: Mapping[str, Array]) -> Array:

@@ -16,6 +16,7 @@ from ...model_runtime.contract import (
     option,
 )
 from .. import properties
+from ..lights import LIGHTS
 from . import values
 from .progress import STYLES
 
@@ -194,6 +195,21 @@ def _add_start(options: Parser) -> None:
     )
     options.add_argument(
         option("mask_means"), choices=[*MASK_MEANINGS], help="what happens where the mask is white"
+    )
+    options.add_argument(
+        "--light", choices=[name for name, *_ in LIGHTS], help="what light it ages by (auto)"
+    )
+    options.add_argument(
+        "--latitude",
+        type=values.angle(90),
+        metavar="DEGREES",
+        help="where the sun of a year stands; negative in the south (45)",
+    )
+    options.add_argument(
+        "--north",
+        type=values.angle(360),
+        metavar="DEGREES",
+        help="where north lies, from Y counterclockwise (0)",
     )
     options.add_argument(
         "--seed", type=values.whole(0, _LARGEST), metavar="N", help="of the onset (0)"

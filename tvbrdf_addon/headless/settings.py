@@ -24,6 +24,7 @@ __all__ = ("Wanted",)
 _AS_THEY_ARE = (
     *("steps", "quality", "tolerance", "temporal_model", "seed", "binding", "format"),
     *("specular", "grain", "relief", "pattern_size", "amount", "mask_means"),
+    *("light", "latitude", "north"),
 )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from ...model_runtime.contract import AUTO, exposure_weights
 from .. import properties
 
-__all__ = ("exposure", "frames", "number", "share", "size", "whole")
+__all__ = ("angle", "exposure", "frames", "number", "share", "size", "whole")
 
 
 def frames(text: str) -> tuple[int, int]:
@@ -54,6 +54,12 @@ def number(least: float, most: float, unit: str = "") -> Callable[[str], float]:
         return value
 
     return read
+
+
+def angle(most: float) -> Callable[[str], float]:
+    """Radians, of degrees."""
+    read = number(-most, most, " of degrees")
+    return lambda text: math.radians(read(text))
 
 
 def exposure(text: str) -> dict[str, float]:

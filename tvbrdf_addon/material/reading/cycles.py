@@ -1,4 +1,6 @@
-"""Bakes what an object emits with Cycles, in a scene of its own that is gone afterwards."""
+"""Bakes what an object emits, and what light falls on it, with Cycles, in a scene of its own that
+is gone afterwards.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,8 @@ def baking_scene(frame: int) -> Iterator[bpy.types.Scene]:
 class Baker:
     """Bakes `obj` of a baking scene by its `uv_map`; `node` is its material's active image node.
 
-    Beside faces what is next to them goes on for `margin` texels.
+    Beside faces what is next to them goes on for `margin` texels. `lit`: what it scatters of direct
+    light counts with what it emits.
     """
 
     scene: bpy.types.Scene
@@ -55,6 +58,7 @@ class Baker:
     node: bpy.types.ShaderNodeTexImage
     uv_map: str
     margin: int
+    lit: bool = False
 
     def texels(
         self,
@@ -78,6 +82,7 @@ class Baker:
                 self.obj,
                 self._uv_map_at(corner),
                 self.margin if margin is None else margin,
+                lit=self.lit,
             )
             return image_pixels(image)[..., :3]
 
@@ -119,7 +124,9 @@ def _image(size: tuple[int, int]) -> Iterator[bpy.types.Image]:
         bpy.data.images.remove(image)
 
 
-def _bake(scene: bpy.types.Scene, obj: bpy.types.Object, uv_map: str, margin: int) -> None:
+def _bake(
+    scene: bpy.types.Scene, obj: bpy.types.Object, uv_map: str, margin: int, *, lit: bool
+) -> None:
     view_layer = scene.view_layers[0]
     objects = [obj]
     try:
@@ -132,7 +139,8 @@ def _bake(scene: bpy.types.Scene, obj: bpy.types.Object, uv_map: str, margin: in
             selected_editable_objects=objects,
         ):
             bpy.ops.object.bake(
-                type="EMIT",
+                type="COMBINED" if lit else "EMIT",
+                pass_filter={"EMIT", "DIRECT", "DIFFUSE"},
                 target="IMAGE_TEXTURES",
                 save_mode="INTERNAL",
                 margin=margin,

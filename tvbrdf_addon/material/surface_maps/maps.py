@@ -17,8 +17,9 @@ from ..reading.pixels import write_exr
 from ..reading.tiles import Tiles
 from .collect import Seen, UVMap, collect
 from .layout import Layout, free_name, lay_out
+from .light import Light, light_on
 from .painted import Mask, drawn
-from .texels import with_margin, write_maps
+from .texels import shrunk, with_margin, write_maps
 
 __all__ = ("SurfaceMaps", "own_uv_map", "write_surface")
 
@@ -30,7 +31,7 @@ _SIZE = 1024
 _KEPT = 4
 _VERSION = b"1"  # of what is written
 _LAYOUT, _PLACES = "layout.json", "own.npz"
-_MASK = "mask-"  # no name by which a worker takes it for one of the surface's maps
+_MASK, _LIGHT = "mask-", "light-"  # no names by which a worker takes them for the surface's
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,15 @@ class SurfaceMaps:
     """The `folder` of the maps, None where there are none, and what is to be said, in sentences.
 
     `own` is the UV map that they are laid out in, which the meshes do not have yet; None where it
-    is the material's.  `mask` is what an artist painted, in their layout.  They took so many
-    `seconds` to make; 0 where they were kept.
+    is the material's.  `mask` is what an artist painted, in their layout, and `light` what
+    falls on them.  They took so many `seconds` to make; 0 where they were kept.
     """
 
     folder: Path | None
     own: UVMap | None
     notes: tuple[str, ...]
     mask: Path | None = None
+    light: Path | None = None
     seconds: float = 0.0
 
 
@@ -59,11 +61,12 @@ def write_surface(
     kept: Path,
     alike: bool = False,
     mask: Mask | None = None,
+    light: Light | None = None,
     size: int = _SIZE,
 ) -> SurfaceMaps:
     """Writes `position.exr` (world, meters; alpha 1 where a face is), `normal.exr` (world, unit),
     `ao.exr`, `edge.exr` and `sky.exr` (0 to 1) of all faces that show the material at `frame`, and
-    what a `mask` says of them.
+    what a `mask` says of them, and how much `light` falls on them.
 
     `uv_map` and `tiles` say where the material's own maps lie, and `alike` that what shares texels
     is to age alike, as in `lay_out`.  Folders lie in `kept`, the last few of which stay for the
@@ -91,6 +94,14 @@ def write_surface(
             _write_mask(layout, shades, path)
             made = True
         found = replace(found, mask=path, notes=(*found.notes, *mask.missing(seen)))
+    if light is not None:
+        path = folder / f"{_LIGHT}{light.digest or ''}.exr"
+        if light.digest is None or not path.is_file():
+            layout = layout or lay_out(seen, material, scene, frame, **how)
+            assert isinstance(layout, Layout)
+            _write_light(layout, light, frame, path)
+            made = True
+        found = replace(found, light=path)
     folder.touch()
     for old in sorted(kept.iterdir(), key=lambda each: each.stat().st_mtime)[:-_KEPT]:
         shutil.rmtree(old, ignore_errors=True)
@@ -109,10 +120,21 @@ def _write(layout: Layout, folder: Path) -> None:
 
 def _write_mask(layout: Layout, shades: Array | None, path: Path) -> None:
     """Writes a mask in the place of those before it."""
-    for old in path.parent.glob(f"{_MASK}*"):
+    _replace(_MASK, path, with_margin(layout.raster, drawn(layout, shades)))
+
+
+def _write_light(layout: Layout, light: Light, frame: int, path: Path) -> None:
+    """Writes what light falls on it, likewise."""
+    seen, size = layout.seen, shrunk(layout.raster.size)
+    _replace(_LIGHT, path, light_on(light, seen.parts, seen.around, layout.uv, size, frame))
+
+
+def _replace(kind: str, path: Path, pixels: Array) -> None:
+    """Writes a map in the place of those of its kind."""
+    for old in path.parent.glob(f"{kind}*"):
         old.unlink()
     part = path.with_name("part.exr")
-    write_exr(part, with_margin(layout.raster, drawn(layout, shades)))
+    write_exr(part, pixels)
     part.rename(path)
 
 

@@ -16,7 +16,7 @@ from .layout import Layout
 from .raster import Raster
 from .shelter import shelter
 
-__all__ = ("with_margin", "write_maps")
+__all__ = ("shrunk", "with_margin", "write_maps")
 
 Array = NDArray[np.float32]
 Marks = NDArray[np.bool_]
@@ -47,7 +47,7 @@ def write_maps(layout: Layout, folder: Path) -> None:
 def _write_sheltered(layout: Layout, position: Array, normal: Array, folder: Path) -> None:
     """The maps that are baked; the raster's texels lie at `position` and face `normal` [N, 3]."""
     raster, covered = layout.raster, layout.raster.covered
-    size = _shrunk(raster.size)
+    size = shrunk(raster.size)
     seen = shelter(layout.seen.parts, layout.seen.around, layout.uv, size)
     sheltered = np.stack((seen.ao, seen.edge, seen.sky), 2)
     sheltered = _filled(sheltered, seen.baked, raster, position)
@@ -65,7 +65,8 @@ def with_margin(raster: Raster, pixels: Array) -> Array:
     return _beyond(pixels[..., None], nearest_covered(raster.covered, reach=_MARGIN))[..., 0]
 
 
-def _shrunk(size: tuple[int, int]) -> tuple[int, int]:
+def shrunk(size: tuple[int, int]) -> tuple[int, int]:
+    """The size of what is baked for a map of this one."""
     share = min(1.0, _BAKED / np.sqrt(size[0] * size[1]))
     return max(round(size[0] * share), 1), max(round(size[1] * share), 1)
 
