@@ -207,7 +207,7 @@ def weathering(
 @app.command
 def evaluate(
     what: tyro.conf.Positional[
-        Literal["representation", "synthesis", "pareto", "stability", "realism"]
+        Literal["representation", "synthesis", "pareto", "stability", "realism", "fading"]
     ],
     output: Path,
     pixels: int = 64,
@@ -220,7 +220,8 @@ def evaluate(
     Args:
         what: the PSNR of BRDF representations on every set of materials, or of models of change on
             every case of synthesis; speed against accuracy, and the time and memory of aging;
-            under which stresses methods fail; or how far from real ones weathered textures look.
+            under which stresses methods fail; how far from real ones weathered textures look; or
+            how a dye fades by its dose of light.
         output: the folder to write; what is finished there is not done again.
         pixels: width of the rendered spheres (fewer is faster and rougher); pareto ages maps 16
             times as wide, and realism has sizes of its own.
@@ -256,6 +257,12 @@ def evaluate(
             data_folder(), output, methods=methods or None, stresses=cases or None
         )
         table = stability_table(report, STRESSES)
+    elif what == "fading":
+        from .evaluation.fading.evaluate import evaluate_fading
+        from .evaluation.fading.evaluate import table as fading_table
+
+        report = evaluate_fading(output)
+        table = fading_table(report)
     elif what == "realism":
         from .evaluation.realism.evaluate import evaluate_realism
         from .evaluation.realism.report import tables

@@ -1,0 +1,1 @@
+"""`evaluate fading`: a dye by the light it has had."""
