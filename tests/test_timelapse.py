@@ -11,6 +11,7 @@ from PIL import Image
 
 from model_runtime.errors import InputError
 from tests.scans import save, srgb
+from training.source import timelapse
 from training.source.pictures import is_timelapse, read_pictures
 from training.source.timelapse import change_of_timelapse, read_timelapse
 
@@ -74,6 +75,31 @@ def test_what_is_fast_at_first_is_given_room(copper: Path):
     assert (np.diff(gone) >= 0).all()
     half = np.argmax(gone > 0.5) / (len(gone) - 1)
     assert half > 1.5 * np.log(2) / 5  # when it was half way on the clock
+
+
+class TestWhereNoOneHistoryDoes:
+    """And no onsets can be told: what has changed by the same time."""
+
+    @pytest.fixture(autouse=True)
+    def without_onsets(self, monkeypatch: pytest.MonkeyPatch):
+        monkeypatch.setattr(timelapse, "estimate_onset", lambda *_, **__: None)
+
+    def test_the_pattern_is_that_of_hue_whatever_light_does(self, tmp_path: Path):
+        ripple = 0.5 * np.sin(np.arange(SIDE) / 5)[:, None, None]
+        light = 1 + ripple * np.linspace(0, 1, FRAMES)[:, None, None, None]
+        film = write_animation(tmp_path / "a.webp", pictures() * light)
+        weathered = change_of_timelapse(read_timelapse(film)).weathered
+        assert weathered is not None
+        assert weathered[:, SIDE // 2 + 2 :].mean() > 0.95
+        assert weathered[:, : SIDE // 2 - 2].mean() < 0.05
+
+    def test_noise_is_no_pattern(self, tmp_path: Path):
+        rng = np.random.default_rng(0)
+        detail = np.exp(0.3 * rng.standard_normal((SIDE, SIDE, 1)))  # that lies over itself
+        fading = START + np.linspace(0, 1, FRAMES)[:, None, None, None] * (END - START)
+        noise = np.exp(0.1 * rng.standard_normal((FRAMES, SIDE, SIDE, 3)))
+        film = write_animation(tmp_path / "a.webp", fading * noise * detail)
+        assert change_of_timelapse(read_timelapse(film)).weathered is None
 
 
 def test_what_pictures_do_not_show_is_said(copper: Path):

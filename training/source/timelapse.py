@@ -40,6 +40,10 @@ _REGION = 4.0  # texels over which that is told
 _RELATIVE = 256 / 1024  # of a material's side, that 256 texels of a picture were taken for
 _COUNTED = 3.0  # times the usual change of a step, at most
 _METALS = ("rust", "patina")
+_HUE = 1.5  # texels: films store hue coarsely
+_DARKEST = 2e-3  # darker than that there is none
+_SAME_STORY = 0.8  # correlation of what half of the ages tell with what the others do
+_SCALE = 0.15  # of a tile: the length of a pattern that is not known
 _SPECULAR = 0.04
 _ROUGHNESS = {"metal": 0.25, "drying": 0.35, "other": 0.5}
 _ROUGHEST = {"metal": 0.75, "drying": 0.75, "other": 0.7}
@@ -111,7 +115,9 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
         colors, np.zeros_like(colors), np.full(colors.shape[:3], 0.5, np.float32),
         uniform_times(AGES), None, lapse.name,
     )  # fmt: skip
-    onset = estimate_onset(plain, seed=seed)
+    late = estimate_onset(plain, seed=seed)
+    if late is None:
+        late = _lateness(colors, lapse.usable)
     return Change(
         mean,
         gone,
@@ -120,12 +126,35 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
         tile,
         share=min(1.0, _RELATIVE * side / 256),
         has_height=False,
-        scale=(None if onset is None else correlation_length(onset)) or 0.15,
-        weathered=None if onset is None else onset < np.median(onset),
+        scale=(None if late is None else correlation_length(late)) or _SCALE,
+        weathered=None if late is None else late < np.median(late),
         name=lapse.name,
         told=_told(lapse, kind),
         warnings=lapse.warnings,
     )
+
+
+def _lateness(colors: Array, usable: NDArray[np.bool_]) -> Array | None:
+    """[H, W]: how little of the usual change of hue each texel has behind it, over all ages; None
+    where every other age tells another story. Not when it began, which is not to be told where one
+    history does not do for all, but the pattern is the same, and brightness, which metals reflect,
+    has no say. Under a highlight it is what it is around.
+    """
+    plain = np.stack([smoothed(each, _HUE, (False, False)) for each in colors])
+    hue = np.log(np.maximum(plain, _DARKEST))
+    hue -= hue.mean(-1, keepdims=True)
+    gone = []
+    for some in (hue[::2], hue[1::2]):
+        change = some - some[0]
+        far = np.linalg.norm(change[-1], axis=-1)
+        usual = change[-1][usable & (far >= np.quantile(far[usable], _CHANGED))].mean(0)
+        gone.append((change @ usual / max(float(usual @ usual), 1e-9)).clip(0, 1).mean(0))
+    if np.corrcoef(gone[0][usable], gone[1][usable])[0, 1] < _SAME_STORY:
+        return None
+    known, late = usable.astype(np.float32), 1 - (gone[0] + gone[1]) / 2
+    around = smoothed(np.stack((late * known, known), -1), _DETAIL, (False, False))
+    around = around[..., 0] / np.maximum(around[..., 1], 1e-3)
+    return np.where(usable, late, around).astype(np.float32)
 
 
 def _jumps(colors: Array) -> float:
