@@ -60,7 +60,8 @@ class Change:
     has_height: whether anything is known of its relief
     weathered: [H, W] what of the source has weathered when half has, or when it was scanned; None:
         nothing is known of its pattern
-    scale: the length at which its onsets are half alike, in sides of a tile
+    scale: the length at which its onsets are half alike, in longer sides of that map
+    extent: of a material tile's side that the map covers
     name: of the source
     told: sentences about what was found and what was assumed
     warnings: sentences about what cannot be learned from it for sure
@@ -78,6 +79,7 @@ class Change:
     name: str
     told: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    extent: float = 1.0
 
 
 def kept_by(process: str) -> float:
@@ -149,4 +151,4 @@ def _timing(change: Change, process: str, seed: int) -> Timing:
         if change.weathered is None
         else waves_of(change.weathered, scale=scale, process=process, seed=seed)
     )
-    return Timing.of(onset, rate, scale=scale, waves=waves)
+    return Timing.of(onset, rate, scale=max(0.01, scale * change.extent), waves=waves)

@@ -37,7 +37,7 @@ _BRIGHTEST = 0.9  # beyond it cameras saturate
 _LEAST_GLARE = 0.004  # share of texels
 _CHANGED = 0.5  # share of texels that change least: younger than the others
 _REGION = 4.0  # texels over which that is told
-_RELATIVE = 256 / 1024  # of a material's side, that 256 texels of a picture were taken for
+_WHOLE = 1024  # texels of a picture that would be a material's side: films are small, and close
 _COUNTED = 3.0  # times the usual change of a step, at most
 _METALS = ("rust", "patina")
 _HUE = 1.5  # texels: films store hue coarsely
@@ -107,7 +107,7 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
     last = _values(colors[-1], np.ones(1, np.float32), kind, None)
     residue = last - mean[-1]
     residue[..., 6:] = 0
-    side = min(colors.shape[1:3])
+    side, longer = sorted(colors.shape[1:3])
     tile = quilted(residue, oldest, (False, False), side, seed)
     tile -= tile.mean((0, 1))
     starts = _values(colors[0], np.zeros(1, np.float32), kind, None)[lapse.usable]
@@ -118,19 +118,21 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
     late = estimate_onset(plain, seed=seed)
     if late is None:
         late = _lateness(colors, lapse.usable)
+    alike = None if late is None else correlation_length(late)
     return Change(
         mean,
         gone,
         _along(mean_color),
         starts[:, :7],
         tile,
-        share=min(1.0, _RELATIVE * side / 256),
+        share=min(1.0, side / _WHOLE),
         has_height=False,
-        scale=(None if late is None else correlation_length(late)) or _SCALE,
+        scale=alike or _SCALE,
         weathered=None if late is None else late < np.median(late),
         name=lapse.name,
         told=_told(lapse, kind),
         warnings=lapse.warnings,
+        extent=min(1.0, longer / _WHOLE) if alike else 1.0,
     )
 
 
