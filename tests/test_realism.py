@@ -16,7 +16,7 @@ from training.evaluation.realism.figures import HALF_WAY, figures_of
 from training.evaluation.realism.relief import BINS, compare_profiles, profile, weathered
 from training.evaluation.realism.report import tables
 from training.evaluation.realism.results import Compared, Target
-from training.evaluation.realism.spots import apart, halves_of, spot_curves, spread
+from training.evaluation.realism.spots import LAPSES, apart, halves_of, spot_curves, spread
 from training.evaluation.synthesis.sources import Effort
 from training.metric.texture import LAYERS, TextureMetric, Textures
 from training.ntm import NTMConfig
@@ -121,7 +121,17 @@ class TestSpots:
         frames = self.frames(3, 8)
         curves = {k: spot_curves(v, self.FIRST, self.LAST) for k, v in halves_of(frames).items()}
         assert set(apart(curves["left"], curves["left"]).values()) == {0}
-        assert spread(curves)["number"] > 0
+        down, across = ("left", "right"), ("upper", "lower")
+        assert spread(curves, [down])["number"] > spread(curves, [across])["number"] == 0
+        assert spread(curves, [across, down]) == spread(curves, [down])
+
+    def test_on_a_film_light_is_no_spot(self):
+        film, first = LAPSES["copper_patinating"], self.frames(3, 8)
+        light = np.linspace(0.4, 1.6, 100)[:, None]
+        start, end = film.seen(self.FIRST), film.seen(self.LAST)
+        even, lit = (spot_curves(film.seen(each), start, end) for each in (first, first * light))
+        np.testing.assert_allclose(lit, even)
+        assert even[0, 1] == 3 * 1e6 / 100**2
 
 
 class TestFigures:
@@ -211,7 +221,9 @@ def test_relief_and_spots_are_told_beside_what_is_real(data_folder: Path, tmp_pa
     profile = stored["relief"]["ours"]["height"]
     assert len(profile) == len(stored["relief"]["distance"])
     for found in stored["spots"].values():
-        assert set(found["apart"]) == set(found["spread"]) == {"number", "area", "perimeter"}
+        assert (
+            set(found["apart"]["ours"]) == set(found["spread"]) == {"number", "area", "perimeter"}
+        )
         assert len(found["curves"]["ours"]) == 3
     assert len(report.figures) == 3
     for name in ("relief.png", "spots.png"):

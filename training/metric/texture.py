@@ -21,7 +21,7 @@ from torch.nn import functional
 
 from model_runtime.errors import InputError
 
-__all__ = ("LAYERS", "Seen", "TextureMetric", "Textures")
+__all__ = ("LAYERS", "Seen", "TextureMetric", "Textures", "encoded")
 
 LAYERS = ("pixels", "conv1_2", "conv2_2", "conv3_3", "conv4_3")
 
@@ -34,6 +34,14 @@ _LEVELS = 1024  # quantiles compared along each direction
 _MOST = 1 << 16  # places of a layer that are looked at: as many, at random, tell the same
 
 Pixels = NDArray[np.float32]
+
+
+def encoded(color: Pixels) -> Pixels:
+    """Linear colors as the sRGB, 0 to 1, that pictures are compared in."""
+    color = color.clip(0, 1)
+    return np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055).astype(
+        np.float32
+    )
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,8 @@ class TextureMetric:
     def seen(self, picture: Pixels) -> Seen:
         """What a picture [H, W, 3] (sRGB, 0 to 1) shows."""
         parts = []
-        for layer, features in enumerate(self._features(picture)):
+        colors = torch.from_numpy(np.ascontiguousarray(picture, np.float32)).permute(2, 0, 1)
+        for layer, features in enumerate(self.features(colors)):
             values = features.flatten(1)
             if values.shape[1] > _MOST:
                 g = torch.Generator().manual_seed(layer)
@@ -112,13 +121,12 @@ class TextureMetric:
             layers.append(float((apart / spread.clamp_min(1e-6)).mean()))
         return Textures(tuple(layers))
 
-    def _features(self, picture: Pixels) -> list[Tensor]:
-        """[C, h, w] of each layer."""
-        pixels = torch.from_numpy(np.ascontiguousarray(picture, np.float32)).permute(2, 0, 1)
-        x = (pixels - torch.tensor(_MEAN)[:, None, None]) / torch.tensor(_SPREAD)[:, None, None]
-        found, x = [pixels], x[None]
+    def features(self, colors: Tensor) -> list[Tensor]:
+        """[C, h, w] of each layer, with slopes, of a picture `colors` [3, H, W] (sRGB)."""
+        x = (colors - torch.tensor(_MEAN)[:, None, None]) / torch.tensor(_SPREAD)[:, None, None]
+        found, x = [colors], x[None]
         for i, (weight, bias) in enumerate(self.weights):
-            x = functional.conv2d(x, weight, bias, padding=1).relu_()
+            x = functional.conv2d(x, weight, bias, padding=1).relu()
             if i in _KEPT:
                 found.append(x[0])
             if i in _POOLED:

@@ -42,7 +42,7 @@ _COUNTED = 3.0  # times the usual change of a step, at most
 _METALS = ("rust", "patina")
 _HUE = 1.5  # texels: films store hue coarsely
 _DARKEST = 2e-3  # darker than that there is none
-_SAME_STORY = 0.8  # correlation of what half of the ages tell with what the others do
+_SAME_STORY = 0.8  # correlation of what half of the pictures tell with what the others do
 _SCALE = 0.15  # of a tile: the length of a pattern that is not known
 _SPECULAR = 0.04
 _ROUGHNESS = {"metal": 0.25, "drying": 0.35, "other": 0.5}
@@ -117,7 +117,7 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
     )  # fmt: skip
     late = estimate_onset(plain, seed=seed)
     if late is None:
-        late = _lateness(colors, lapse.usable)
+        late = _lateness(lapse)
     alike = None if late is None else correlation_length(late)
     return Change(
         mean,
@@ -136,18 +136,19 @@ def change_of_timelapse(lapse: Timelapse, *, process: str = "", seed: int = 0) -
     )
 
 
-def _lateness(colors: Array, usable: NDArray[np.bool_]) -> Array | None:
+def _lateness(lapse: Timelapse) -> Array | None:
     """[H, W]: how little of the usual change of hue each texel has behind it, over all ages; None
-    where every other age tells another story. Not when it began, which is not to be told where one
-    history does not do for all, but the pattern is the same, and brightness, which metals reflect,
-    has no say. Under a highlight it is what it is around.
+    where every other picture tells another story. Not when it began, which is not to be told where
+    one history does not do for all, but the pattern is the same, and brightness, which metals
+    reflect, has no say. Under a highlight it is what it is around.
     """
-    plain = np.stack([smoothed(each, _HUE, (False, False)) for each in colors])
-    hue = np.log(np.maximum(plain, _DARKEST))
-    hue -= hue.mean(-1, keepdims=True)
-    gone = []
-    for some in (hue[::2], hue[1::2]):
-        change = some - some[0]
+    usable, gone = lapse.usable, []
+    for pictures in (lapse.colors[::2], lapse.colors[1::2]):
+        colors = _evenly_changing(pictures, usable)
+        plain = np.stack([smoothed(each, _HUE, (False, False)) for each in colors])
+        hue = np.log(np.maximum(plain, _DARKEST))
+        hue -= hue.mean(-1, keepdims=True)
+        change = hue - hue[0]
         far = np.linalg.norm(change[-1], axis=-1)
         usual = change[-1][usable & (far >= np.quantile(far[usable], _CHANGED))].mean(0)
         gone.append((change @ usual / max(float(usual @ usual), 1e-9)).clip(0, 1).mean(0))

@@ -16,7 +16,7 @@ from model_runtime.errors import InputError
 from model_runtime.maps import PrincipledMaps
 from model_runtime.model_files.weights import find_model
 
-from ...metric.texture import TextureMetric
+from ...metric.texture import TextureMetric, encoded
 from ..bench.results import chosen, write_report
 from ..synthesis.sources import Effort
 from .aging import Aging, Source, nearest_in_mean
@@ -27,7 +27,7 @@ from .methods import METHODS, Aged
 from .pictures import draw_chart, draw_relief, draw_sheet, draw_spots
 from .report import page
 from .results import Compared, RealismReport, Target
-from .targets import METALS, RUST, SCANS, Half, HalvedScan, encoded, read_part, scan_folder
+from .targets import METALS, RUST, SCANS, Half, HalvedScan, read_part, scan_folder
 
 __all__ = ("EVERY", "TARGETS", "evaluate_realism")
 

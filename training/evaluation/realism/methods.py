@@ -28,10 +28,10 @@ from model_runtime.temporal.onset import onset_map, rate_map
 from ...baselines import stt
 from ...data.kinetics import history
 from ...data.sequences import Sequence
+from ...metric.texture import encoded
 from ..bench.aging import age_silently
 from ..bench.encoders import WEIGHTS, trained_encoder
 from ..synthesis.sources import SourceModels
-from .targets import encoded
 
 __all__ = ("METHODS", "Aged", "crossfade", "formula", "ours", "papers", "stt_of")
 

@@ -104,7 +104,7 @@ def draw_relief(relief: Mapping[str, Any], folder: Path) -> Path:
 def draw_spots(spots: Mapping[str, Any], folder: Path) -> Path:
     """Number, area and perimeter over time, a row a sequence."""
     figure, axes = panels(3 * len(spots), 3, (10, 2.8))
-    colors = {"right": "#000000", "left": "#999999", "ours": LOOKS["ours"].color}
+    colors = {"met": "#000000", "learned": "#999999", "ours": LOOKS["ours"].color}
     for i, (name, found) in enumerate(spots.items()):
         for j, statistic in enumerate(STATISTICS):
             ax = axes[3 * i + j]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from model_runtime.maps import PrincipledMaps
 from model_runtime.reading.inputs import hash_input, read_input
 
+from ...metric.texture import encoded
 from ...source.quilting import quilted
 from ...source.scan import Scan, read_states
 from ...source.scan_maps import HEIGHT, ScanMaps, read_scan
@@ -25,7 +26,6 @@ __all__ = (
     "Half",
     "HalvedScan",
     "Kind",
-    "encoded",
     "read_part",
     "scan_folder",
 )
@@ -77,14 +77,6 @@ def read_part(folder: Path, size: int) -> PrincipledMaps:
     maps = read_input(folder)
     assert isinstance(maps, PrincipledMaps)
     return maps.map(lambda pixels: pixels[:size, :size])
-
-
-def encoded(color: Array) -> Array:
-    """Linear colors as sRGB, 0 to 1."""
-    color = color.clip(0, 1)
-    return np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055).astype(
-        np.float32
-    )
 
 
 @dataclass(frozen=True)
