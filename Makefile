@@ -30,13 +30,14 @@ READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready \
     build/wheels/small/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects examples tutorial thumbnails extension extensions small repository wheels test test-blenders types format clean
+.PHONY: help demo objects examples tutorial panels thumbnails extension extensions small repository wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
 	@echo "make objects        age five objects by every model, into out/objects.jpg"
 	@echo "make examples       three aged materials for the Asset Browser, and a scene, into out/examples"
 	@echo "make tutorial       the pictures of docs/tutorial.md, and what its clicks took"
+	@echo "make panels         the panel at three widths, in two themes and on a 4K screen: docs/panels.jpg"
 	@echo "make thumbnails     the pictures by which models are picked, beside the models"
 	@echo "make extension      build the zip to install in Blender, for PLATFORM (WHEELS=none: without torch)"
 	@echo "make extensions     build that of each platform: $(PLATFORMS)"
@@ -67,6 +68,9 @@ examples: $(READY)
 
 tutorial: $(READY)
 	@.venv/bin/python tests/demo/tutorial.py docs/tutorial
+
+panels: $(READY)
+	@.venv/bin/python tests/demo/panels.py docs/panels.jpg
 
 thumbnails: $(READY)
 	@extension=$$(.venv/bin/python .ci/extension.py build --wheels build/wheels --output build) \

@@ -11,7 +11,7 @@ from markdown import markdown
 
 ROOT = Path(__file__).resolve().parents[1]
 CHAPTERS = ("docs/tutorial.md", "docs/blender.md")
-PICTURES = "docs/tutorial"
+PICTURE = re.compile(r"!\[[^\]]*\]\(([^)]*)\)")
 PAGE = "manual/manual.html"
 ELSEWHERE = re.compile(r"(?<!!)\[([^\]]*)\]\((?!https?:)[^)]*\)")
 """Links to other pages of the repository, which do not come with the extension."""
@@ -21,21 +21,25 @@ STYLE = (
 )
 
 
+def _text() -> str:
+    return "\n\n".join((ROOT / each).read_text(encoding="utf-8") for each in CHAPTERS)
+
+
 def sources() -> Iterator[Path]:
     """The files that it is made of."""
     yield from (ROOT / each for each in CHAPTERS)
-    yield from sorted((ROOT / PICTURES).glob("*.jpg"))
+    yield from (ROOT / "docs" / each for each in PICTURE.findall(_text()))
 
 
 def write_manual(folder: Path) -> None:
     """Write the page, with its pictures beside it, into the extension at `folder`."""
     page = folder / PAGE
-    pictures = page.parent / Path(PICTURES).name
-    pictures.mkdir(parents=True)
-    for picture in sources():
-        if picture.suffix == ".jpg":
-            shutil.copyfile(picture, pictures / picture.name)
-    text = "\n\n".join((ROOT / each).read_text(encoding="utf-8") for each in CHAPTERS)
-    body = markdown(ELSEWHERE.sub(r"\1", text), extensions=["tables", "sane_lists"], tab_length=3)
+    for picture in PICTURE.findall(_text()):
+        copy = page.parent / picture
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / "docs" / picture, copy)
+    body = markdown(
+        ELSEWHERE.sub(r"\1", _text()), extensions=["tables", "sane_lists"], tab_length=3
+    )
     head = f'<meta charset="utf-8"><title>Age Material</title><style>{STYLE}</style>'
     page.write_text(f"<!DOCTYPE html>{head}\n{body}\n", encoding="utf-8")

@@ -11,7 +11,7 @@ import bpy
 from ..model_runtime.contract import EXACT
 from . import mixing, properties, session, strengths, suiting
 from .destination import is_kept_apart
-from .drawing import guarded, paragraph
+from .drawing import guarded, is_narrow, paragraph
 from .estimate import in_bytes, in_time
 from .known import scene_of
 from .material.nodes.age import age_path
@@ -93,12 +93,13 @@ def _draw_model(
     row.prop(settings, "ntm", text="")
     row.operator("tvbrdf.find_model", text="", icon="VIEWZOOM")
     card = properties.card_of(settings)
+    place, share = (layout, 1.0) if is_narrow(context) else (beside, 1 - _BESIDE)
     if said := suiting.doubt(material):
-        paragraph(beside, context, said, "ERROR", share=1 - _BESIDE)
+        paragraph(place, context, said, "ERROR", share=share)
     elif card is not None:
-        paragraph(beside, context, purpose_of(card), share=1 - _BESIDE)
+        paragraph(place, context, purpose_of(card), share=share)
     else:
-        beside.prop(settings, "ntm_file", text="")
+        place.prop(settings, "ntm_file", text="")
     mixing.draw(layout, material)
 
 

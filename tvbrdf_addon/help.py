@@ -14,8 +14,8 @@ __all__ = ("CLASSES", "draw_manual", "draw_question_mark")
 
 # Of the page that the zip brings (.ci/manual.py); a working tree has none.
 _MANUAL = weights.MODELS.parents[1] / "manual" / "manual.html"
-_WIDTH = 17  # in heights of a button
-_LETTERS = 52  # a line
+_WIDTH = 17  # in heights of a button, of 20 pixels
+_LINE = 20 * _WIDTH - 30
 _WHAT = "Years pass for this material: it rusts, grows moss, peels, fades, as you choose."
 _STEPS = (
     "Click the picture to choose what happens.",
@@ -56,9 +56,9 @@ class TVBRDF_PT_help(bpy.types.Panel):
     def draw(self, _context: bpy.types.Context) -> None:
         layout = known(self.layout)
         layout.label(text=self.bl_label)
-        lines(layout, _WHAT, _LETTERS)
+        lines(layout, _WHAT, _LINE)
         for number, step in enumerate(_STEPS, 1):
-            lines(layout, f"{number}.  {step}", _LETTERS)
+            lines(layout, f"{number}.  {step}", _LINE)
         draw_manual(layout)
 
 

@@ -10,7 +10,7 @@ import bpy
 
 from ..model_runtime.contract import AUTO, EXACT
 from . import age_panel, exposure, learn_panel, lights, look, masks, properties, session, strengths
-from .drawing import guarded, paragraph
+from .drawing import guarded, is_narrow, paragraph
 from .help import draw_question_mark
 from .known import known, scene_of
 from .material.nodes.record import is_aged, is_live
@@ -175,7 +175,8 @@ class _Age:
     bl_label = "Age Material"
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        draw_question_mark(known(self.layout))
+        if not is_narrow(context):
+            draw_question_mark(known(self.layout))
         if material_of(context) is not None:
             TVBRDF_PT_presets.draw_panel_header(known(self.layout))
 
