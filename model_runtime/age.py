@@ -17,7 +17,8 @@ from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
 from .brdf.refinement import DOUBTFUL
 from .contract import AFFINE, AUTO, LIVE, LSTM_LATENTS, PRINCIPLED, AgeRequest, Format
-from .errors import InputError, UsageError
+from .device import device_of
+from .errors import InputError
 from .live.files import live_names, write_live
 from .live.fitting import Fitted, fit_live
 from .maps import PrincipledMaps
@@ -32,7 +33,7 @@ from .representation.measured import Encoded, encode_measured
 from .run import Reporter, Run
 from .temporal.domain import FOREIGN_SHARE
 
-__all__ = ("AgeRequest", "Reporter", "age", "computes", "device_of")
+__all__ = ("AgeRequest", "Reporter", "age", "computes")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
@@ -268,20 +269,3 @@ def _rung(run: Run, start: Start, initial: Tensor) -> str:
 def computes() -> tuple[str, str]:
     """What computes with its version, for people, and the kind of device that it takes unasked."""
     return version(), device_of(AUTO).type
-
-
-def device_of(wanted: str) -> torch.device:
-    """The device called `wanted`; of `auto`, CUDA's where there is one, else the CPU.
-
-    Apple's GPUs are not among them: the fit needs double precision. Raises UsageError where there
-    is no such device.
-    """
-    found = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    if wanted == AUTO:
-        return torch.device("cuda" if found else "cpu")
-    device = torch.device(wanted)
-    if device.type == "cuda" and (device.index or 0) >= found:
-        raise UsageError(
-            f"There is no device {wanted} for this Python's torch.", "Use --device auto or cpu."
-        )
-    return device

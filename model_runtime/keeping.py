@@ -22,9 +22,10 @@ import OpenEXR
 import PIL
 
 from .account import command_line
-from .age import age, device_of
+from .age import age
 from .backend import NAME, torch
 from .contract import AUTO, CACHE_SECONDS, CPU, EVERYWHERE, LSTM_LATENTS, AgeRequest
+from .device import device_of
 from .errors import Cancelled, TvbrdfError
 from .model_files.weights import ENCODER, ESTIMATOR, find_model
 from .output.kept import Kept

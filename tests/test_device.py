@@ -12,9 +12,10 @@ import pytest
 import torch
 
 from model_runtime.brdf.fit import USUAL
+from model_runtime.device import CPU
 from model_runtime.errors import UsageError
 from model_runtime.model_files.weights import find_model
-from model_runtime.modelling import aged, rollout
+from model_runtime.modelling import rollout
 from model_runtime.modelling.aged import EFFORTS, Change, model_texels
 from model_runtime.representation import load_representation
 from model_runtime.representation.estimator import ParameterEstimator
@@ -48,7 +49,7 @@ def test_what_is_light_stays_on_the_cpu(models: Models, rung: str):
     ntm, representation = models
     there, here = (
         rollout.roll_out(STATES, ntm, rung, representation, device=device).states
-        for device in (META, rollout.CPU)
+        for device in (META, CPU)
     )
     assert torch.equal(there, here)
 
@@ -81,7 +82,7 @@ def test_where_a_device_fails_the_cpu_does_it_and_it_is_said(models: Models):
                 Change(ntm, "lstm_latents", representation, device=device, warn=said.append),
                 EFFORTS["draft"],
             ).histories.states
-            for device in (META, aged.CPU)
+            for device in (META, CPU)
         )
     assert torch.equal(there, here)
     assert len(said) == 1

@@ -11,6 +11,7 @@ from model_runtime.brdf.half_angle import cosines, directions, from_directions
 from model_runtime.brdf.torrance_sparrow import specular_lobe
 from training.data.materials import _Coat, damage, draw_batch, loss_angles
 from training.data.nbrdf import load
+from training.distributed import Share
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -30,7 +31,9 @@ def test_a_batch_has_its_size_and_repeats(merl):
         torch.cat(
             [
                 source(angles)
-                for source in draw_batch(merl, 24, generator(seed), bent=0.7, torrance_sparrow=0.25)
+                for source in draw_batch(
+                    merl, Share(24), generator(seed), bent=0.7, torrance_sparrow=0.25
+                )
             ]
         )
         for seed in (1, 1, 2)
@@ -46,7 +49,7 @@ def test_light_and_eye_may_be_exchanged(merl):
     angles = loss_angles(60, generator()).double()
     wi, wo = directions(angles)
     forth, back = from_directions(wi, wo).float(), from_directions(wo, wi).float()
-    for source in draw_batch(merl, 24, generator(4), bent=1.0, torrance_sparrow=0.25):
+    for source in draw_batch(merl, Share(24), generator(4), bent=1.0, torrance_sparrow=0.25):
         torch.testing.assert_close(source(back), source(forth), rtol=5e-3, atol=1e-3)
 
 
@@ -87,11 +90,11 @@ class TestDamage:
 
     def test_none_is_done_where_none_is_wanted(self):
         angles, f = self.materials()
-        assert torch.equal(damage(angles, f, 0.0, generator()), f)
+        assert torch.equal(damage(angles, f, 0.0, generator(), Share(len(f))), f)
 
     def test_a_share_is_damaged_and_every_kind_occurs(self):
         angles, f = self.materials()
-        seen = damage(angles, f, 0.5, generator())
+        seen = damage(angles, f, 0.5, generator(), Share(len(f)))
         hurt = ~torch.isclose(seen, f, rtol=0, atol=0).flatten(1).all(1)
         assert 0.4 < float(hurt.float().mean()) < 0.55
         lost = seen.isnan()
@@ -102,12 +105,12 @@ class TestDamage:
 
     def test_something_is_always_left(self):
         angles, f = self.materials()
-        known = (~damage(angles, f, 1.0, generator()).isnan()).any(2).sum(1)
+        known = (~damage(angles, f, 1.0, generator(), Share(len(f))).isnan()).any(2).sum(1)
         assert int(known.min()) >= 10
 
     def test_lost_grazing_directions_are_the_grazing_ones(self):
         angles, f = self.materials()
-        lost = damage(angles, f, 1.0, generator()).isnan().all(2)
+        lost = damage(angles, f, 1.0, generator(), Share(len(f))).isnan().all(2)
         cos_i, cos_o, _, _ = cosines(angles)
         low = torch.minimum(cos_i, cos_o)
         sorted_rows = [

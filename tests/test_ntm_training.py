@@ -44,7 +44,7 @@ TINY = NTMConfig(iterations=12, batch=32, warm_up=3)
 
 def train(sequence: Path, output: Path, **options) -> Path:
     options = {"config": TINY, "card": CARD, "encoder": ENCODER} | options
-    return train_ntm(sequence=sequence, output=output, **options)
+    return train_ntm(sequences=(sequence,), output=output, **options)
 
 
 def spoil(checkpoint: Path) -> None:

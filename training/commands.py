@@ -9,12 +9,15 @@ from typing import Literal
 
 import tyro
 
+from model_runtime.contract import AUTO, DEVICES, is_device
 from model_runtime.errors import TvbrdfError, UsageError, reason, shown
 from model_runtime.memory import check_limits, memory_in_words
 
 __all__ = ("main",)
 
 _MOST_MINUTES = 1e6
+_LARGEST_BATCH = 1 << 20
+_MOST_TEXELS = 1 << 24
 
 app = tyro.extras.SubcommandApp()
 
@@ -27,23 +30,38 @@ def encoder(
     ] = "fast",
     resume: bool = False,
     minutes: float | None = None,
+    batch: int | None = None,
+    device: str = AUTO,
     seed: int = 0,
 ) -> None:
-    """Train a BRDF encoder and decoder.
+    """Train a BRDF encoder and decoder. Processes that torchrun starts divide the work.
 
     Args:
         output: the .safetensors file to write; checkpoints and logs go beside it.
         config: fast is the bundled encoder's recipe and paper the published one; the others are for
             an hour on our training data, to compare with.
         resume: go on from the checkpoint beside the output.
-        minutes: train about so many minutes of one core instead of the recipe's iterations.
+        minutes: train about so many minutes of one core (of the clock on the wall, on a GPU or with
+            several processes) instead of the recipe's iterations.
+        batch: materials a step, of all processes together, instead of the recipe's.
+        device: auto, cpu, cuda or cuda:N.
         seed: of all random numbers.
     """
+    from .distributed import joined
     from .encoder import train_encoder
 
-    _check(minutes, seed)
+    _check(minutes, seed, device=device, batch=batch)
 
-    train_encoder(config=config, output=output, resume=resume, minutes=minutes, seed=seed)
+    with joined(device) as world:
+        train_encoder(
+            config=config,
+            output=output,
+            resume=resume,
+            minutes=minutes,
+            batch=batch,
+            seed=seed,
+            world=world,
+        )
 
 
 @app.command
@@ -74,7 +92,7 @@ def estimator(
 
 @app.command
 def ntm(
-    sequence: Path,
+    sequence: tuple[Path, ...],
     encoder: Path,
     output: Path,
     name: str,
@@ -85,12 +103,16 @@ def ntm(
     license: str = "",
     resume: bool = False,
     minutes: float | None = None,
+    texels: int | None = None,
+    batch: int | None = None,
+    device: str = AUTO,
     seed: int = 0,
 ) -> None:
-    """Train a neural temporal model on a sequence.
+    """Train a neural temporal model on sequences. Processes that torchrun starts divide the work.
 
     Args:
-        sequence: folder of frames, polynomial coefficients or mixtures.
+        sequence: folders of frames or polynomial coefficients, of one process over the same time
+            (where it starts, grain and relief are the first one's); or one of mixtures.
         encoder: the encoder whose latents it rolls forward.
         output: the .safetensors file to write; checkpoints and logs go beside it.
         name: short name, for `--ntm`.
@@ -101,11 +123,19 @@ def ntm(
         license: of the weights.
         resume: go on from the checkpoints beside the output.
         minutes: train about this long.
+        texels: how many it learns from, of all sequences together (default: 8,192).
+        batch: texels a step, of all processes together.
+        device: auto, cpu, cuda or cuda:N.
         seed: of all random numbers.
     """
-    from .ntm import train_ntm
+    from .distributed import joined
+    from .ntm import NTMConfig, train_ntm
 
-    _check(minutes, seed)
+    _check(minutes, seed, device=device, batch=batch)
+    if not sequence:
+        raise UsageError("There is no sequence to learn from.", "Name one after --sequence.")
+    if texels is not None and not 1 < texels <= _MOST_TEXELS:
+        raise UsageError(f"{texels:,} texels make no sense.", "Leave out --texels.")
 
     card = {
         "name": name,
@@ -115,15 +145,20 @@ def ntm(
         "source": source,
         "license": license,
     }
-    train_ntm(
-        sequence=sequence,
-        encoder=encoder,
-        output=output,
-        card=card,
-        resume=resume,
-        minutes=minutes,
-        seed=seed,
-    )
+    sizes = {"texels": texels, "batch": batch}
+    config = NTMConfig(**{name: size for name, size in sizes.items() if size is not None})
+    with joined(device) as world:
+        train_ntm(
+            sequences=sequence,
+            encoder=encoder,
+            output=output,
+            card=card,
+            resume=resume,
+            minutes=minutes,
+            seed=seed,
+            config=config,
+            world=world,
+        )
 
 
 @app.command
@@ -282,9 +317,15 @@ def evaluate(
     print(dumps(report.json(), indent=1) if json else table)
 
 
-def _check(minutes: float | None, seed: int) -> None:
+def _check(
+    minutes: float | None, seed: int, *, device: str = AUTO, batch: int | None = None
+) -> None:
     if minutes is not None and not 0 < minutes <= _MOST_MINUTES:
         raise UsageError(f"A training of {minutes:g} minutes makes no sense.", "Give a few.")
+    if not is_device(device):
+        raise UsageError(f"There is no device {shown(device)}.", f"Choose one of {DEVICES}.")
+    if batch is not None and not 1 < batch <= _LARGEST_BATCH:
+        raise UsageError(f"A batch of {batch:,} makes no sense.", "Leave out --batch.")
     if not 0 <= seed < 1 << 63:
         raise UsageError("The seed is out of range.", "Give a whole number from 0.")
 

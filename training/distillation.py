@@ -14,6 +14,7 @@ from model_runtime.representation.lobes import LobeRepresentation
 from model_runtime.states import joined
 
 from .data.analytic import random_torrance_sparrow
+from .distributed import exactly
 from .loop import Run, Schedule, Training, train
 
 __all__ = ("SHORT_CUT", "distil", "random_states")
@@ -42,15 +43,17 @@ def distil(model: LobeRepresentation, run: Run, *, iterations: int) -> None:
     It is a part of `run`, with a checkpoint of its own.
     """
     g = torch.Generator().manual_seed(run.seed)
+    mine = run.world.share(_BATCH)
     angles = model.sample_angles(len(model.encoder_angles))
     layers = nn.ModuleList((model.from_channel, model.from_pooled, model.from_each))
     made_from = {"encoder": hash_tensors(model.state_dict())}
 
     def loss(_: int) -> Tensor:
-        states = random_states(_BATCH, g)
-        with torch.no_grad():
+        states = mine(random_states(_BATCH, g))
+        with torch.no_grad(), exactly():
             wanted = model.encode(angles, torrance_sparrow.evaluate(*optics(states), angles)).flat()
-        return (model.encode_parameters(states).flat() - wanted).abs().mean()
+        missed = (model.encode_parameters(states).flat() - wanted).abs().mean()
+        return mine.weight * missed
 
     training = Training(layers, loss, _SCHEDULE, iterations, g, made_from, clip=None)
     train(training, replace(run.part(SHORT_CUT), minutes=None))

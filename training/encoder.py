@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -24,6 +26,7 @@ from .data.location import data_folder
 from .data.materials import damage, draw_batch, loss_angles, sphere_angles
 from .data.nbrdf import HELD_OUT, NeuralBRDFs, load
 from .distillation import SHORT_CUT, distil
+from .distributed import ALONE, Share, World, exactly
 from .loop import Run, Schedule, Training, remove_checkpoints, train
 from .metric.sphere import tone_map
 from .progress import Progress
@@ -36,6 +39,9 @@ ATTRIBUTION = (
     "Electric Research Laboratories, CC-BY-SA-4.0), changes made, through the networks of "
     "Neural-BRDF (Sztrajman, Rainer, Ritschel, Weyrich 2021, MIT), and on random analytic BRDFs."
 )
+
+
+_APART = 1 << 40  # between the seeds of two processes: more than any run has steps
 
 
 @dataclass(frozen=True)
@@ -130,11 +136,12 @@ CONFIGS["hyperbrdf"] = replace(
 )
 
 
-def _noisy(latents: Latents, scale: float, g: torch.Generator) -> Latents:
+def _noisy(latents: Latents, scale: float, g: torch.Generator, mine: Share) -> Latents:
     if scale == 0:
         return latents
-    color = latents.color + scale * torch.randn(latents.color.shape, generator=g)
-    return Latents(color, latents.shared + scale * torch.randn(latents.shared.shape, generator=g))
+    parts = (latents.color, latents.shared)
+    noise = [mine(torch.randn(mine.whole, *each.shape[1:], generator=g)) for each in parts]
+    return Latents(*(each + scale * some for each, some in zip(parts, noise, strict=True)))
 
 
 def training_loss(
@@ -142,33 +149,37 @@ def training_loss(
     config: EncoderConfig,
     measured: NeuralBRDFs,
     g: torch.Generator,
+    mine: Share,
 ) -> Tensor:
-    """One random batch: distance of compressed values, plus tone-mapped sphere pixels and latent
-    size.
+    """The materials of a random batch that are `mine`: distance of compressed values, plus
+    tone-mapped sphere pixels and latent size.
     """
     sources = draw_batch(
-        measured, config.batch, g, bent=config.bent, torrance_sparrow=config.torrance_sparrow
+        measured, mine, g, bent=config.bent, torrance_sparrow=config.torrance_sparrow
     )
-    asked = model.sample_angles(PAPER_SAMPLES)
+    asked = model.sample_angles(PAPER_SAMPLES).to(mine.device)
     if config.samples:
         asked = asked[torch.randperm(len(asked), generator=g)[: config.samples]]
     targets = loss_angles(config.targets, g) if config.targets else asked
     pixel_angles, weights = sphere_angles(config.pixels, 64, g)
+    targets, pixel_angles, weights = (
+        each.to(mine.device) for each in (targets, pixel_angles, weights)
+    )
     angles = torch.cat((asked, targets, pixel_angles))
-    with torch.no_grad():
+    with torch.no_grad(), exactly():
         truth = torch.cat([evaluate(angles) for evaluate in sources]).clamp(0, 1e5)
     seen, truth = truth[:, : len(asked)], truth[:, len(asked) :]
     if config.damaged:
-        measured_rows = config.batch - config.batch // 2
-        seen = damage(asked, seen, config.damaged, g, measured=measured_rows)
+        measured_rows = mine.whole - mine.whole // 2
+        seen = damage(asked, seen, config.damaged, g, mine, measured=measured_rows)
     latents = model.encode(asked, seen)
-    decoded = model.decode(_noisy(latents, config.latent_noise, g), angles[len(asked) :])
+    decoded = model.decode(_noisy(latents, config.latent_noise, g, mine), angles[len(asked) :])
     m = len(targets)
     if config.loss == "l":
-        return (log_transform(decoded) - log_transform(truth)).abs().mean()
+        return mine.weight * (log_transform(decoded) - log_transform(truth)).abs().mean()
     loss = (compress(decoded[:, :m]) - compress(truth[:, :m])).abs().mean()
     if config.loss == "log":
-        return loss
+        return mine.weight * loss
     shown = [
         torch.einsum("npdc,pd->npc", f[:, m:].unflatten(1, weights.shape), weights)
         for f in (decoded, truth)
@@ -176,7 +187,7 @@ def training_loss(
     error = tone_map(shown[0] + 1e-4) - tone_map(shown[1] + 1e-4)
     size = latents.color.square().mean() + latents.shared.square().mean()
     excess = (shown[0] - shown[1]).clamp(0, 1)
-    return loss + 4 * error.abs().mean() + excess.mean() + 1e-4 * size
+    return mine.weight * (loss + 4 * error.abs().mean() + excess.mean() + 1e-4 * size)
 
 
 def train_encoder(
@@ -185,25 +196,45 @@ def train_encoder(
     output: Path,
     resume: bool = False,
     minutes: float | None = None,
+    batch: int | None = None,
     seed: int = 0,
+    world: World = ALONE,
 ) -> Path:
     """Train the recipe `config` and write the encoder to `output`; returns that path.
 
     A checkpoint beside the output is replaced every minute, and removed in the end; `resume` goes
     on from it. `minutes` sets the number of iterations, at a speed measured first. Minutes are
-    those of a core, so that runs beside others compare.
+    those of a core, so that runs beside others compare (see `World.seconds`). `batch` takes the
+    place of the recipe's; the processes of `world` divide it.
     """
     recipe = CONFIGS[config]
+    if batch is not None:
+        recipe = replace(recipe, batch=batch)
     check_writable(output)
     torch.manual_seed(seed)
     measured = load(data_folder(), "merl").without(HELD_OUT)
-    model = build_encoder(recipe.representation)
-    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
-    record = train(_training(recipe, model, measured, seed), run)
+    model = build_encoder(recipe.representation).to(world.device)
+    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed, world=world)
+    record = train(_training(recipe, model, measured, run), run)
     if isinstance(model, LobeRepresentation):
         distil(model, run, iterations=recipe.distillation)
-    options = f"--config {config} --seed {seed}"
-    options += f" --minutes {minutes:g}" if minutes is not None else ""
+    if world.leads:
+        _write(output, model.cpu(), recipe, config, record, run)
+    return output
+
+
+def _write(
+    output: Path,
+    model: Encoder,
+    recipe: EncoderConfig,
+    config: str,
+    record: Mapping[str, Any],
+    run: Run,
+) -> None:
+    """Write the encoder that `run` trained, and remove its checkpoints."""
+    options = f"--config {config} --seed {run.seed}"
+    options += f" --minutes {run.minutes:g}" if run.minutes is not None else ""
+    options += f" --batch {recipe.batch}" if recipe.batch != CONFIGS[config].batch else ""
     save_model(
         output,
         model.state_dict(),
@@ -218,7 +249,7 @@ def train_encoder(
                 "iterations": record["iterations"],
                 "minutes": round(record["seconds"] / 60, 1),
                 "curve": record["curve"],
-                "seed": seed,
+                "seed": run.seed,
                 "data": "MERL (through Neural-BRDF), Disney, Torrance-Sparrow",
                 "held_out": list(HELD_OUT),
             },
@@ -227,22 +258,21 @@ def train_encoder(
         check=load_encoder,
     )
     remove_checkpoints(run, ("", SHORT_CUT))
-    return output
 
 
-def _training(recipe: EncoderConfig, model: Encoder, measured: NeuralBRDFs, seed: int) -> Training:
-    g = torch.Generator().manual_seed(seed)
-    progress = Progress.load(data_folder()) if recipe.looks else None
+def _training(recipe: EncoderConfig, model: Encoder, measured: NeuralBRDFs, run: Run) -> Training:
+    g = torch.Generator().manual_seed(run.seed)
+    mine = run.world.share(recipe.batch)
+    progress = Progress.load(data_folder()) if recipe.looks and run.world.leads else None
 
     def loss(step: int) -> Tensor:
-        torch.manual_seed(seed + step)  # variational latents: a resumed run draws the same
-        return training_loss(model, recipe, measured, g)
+        # variational latents: a resumed run draws the same, each process others
+        torch.manual_seed(run.seed + step + _APART * run.world.rank)
+        return training_loss(model, recipe, measured, g, mine)
 
     def look() -> dict[str, float]:
         assert progress is not None
-        scores = progress.scores(model.eval())
-        model.train()
-        return scores
+        return progress.scores(deepcopy(model).cpu().eval())
 
     floor = 0.01 if recipe.schedule == "cosine" else 1.0
     return Training(

@@ -13,9 +13,10 @@ import torch
 from torch import Tensor, nn
 
 from model_runtime.atomic import check_writable
-from model_runtime.errors import OutputError, reason, shown
+from model_runtime.errors import OutputError, UsageError, reason, shown
 
 from .checkpoint import load_checkpoint, save_checkpoint
+from .distributed import ALONE, World
 
 if TYPE_CHECKING:
     from torch.utils.tensorboard import SummaryWriter
@@ -86,7 +87,8 @@ class Run:
     model apart) and, unless None, its TensorBoard logs; whether it goes on from that checkpoint;
     how many minutes of a core it may take (None: as many as its iterations do); from which seed;
     how many seconds it may lose when it is killed; who hears how far each part is, by its name and
-    a share from 0 to 1, and may end it by raising (None: a bar on stderr tells).
+    a share from 0 to 1, and may end it by raising (None: a bar on stderr tells); and among which
+    processes it is one, on which device.
     """
 
     base: Path
@@ -97,6 +99,7 @@ class Run:
     name: str = ""
     save_every: float = 60.0
     watch: Callable[[str, float], None] | None = None
+    world: World = ALONE
 
     def part(self, name: str) -> Run:
         """The run of a part of the model."""
@@ -118,7 +121,8 @@ def remove_checkpoints(run: Run, names: Iterable[str] = ("",)) -> None:
 @dataclass(frozen=True)
 class Training:
     """What is trained: `loss`(step) of a batch that is drawn with `generator`, which Adam takes
-    `model` down.
+    `model` down. Of several processes each draws the batch and gives the loss of its share of it,
+    so that their mean is the batch's; `model` is on the run's device.
 
     made_from: settings and data (JSON), which a resumed run must share
     clip: the largest norm of the gradient, None for any
@@ -138,14 +142,15 @@ class Training:
 
 
 def train(training: Training, run: Run) -> dict[str, Any]:
-    """Train as `run` says; returns the record: steps, `iterations`, `seconds` of a core, and the
-    `curve` of what `look` saw.
+    """Train as `run` says; returns the record: steps, `iterations`, `seconds` (those of
+    `World.seconds`), and the `curve` of what `look` saw, where this process leads.
 
     Weights, moments, random state and step are in the checkpoint, so a run that was interrupted
-    ends as an uninterrupted one. Raises what `save_checkpoint` and `load_checkpoint` do, and
+    ends as an uninterrupted one, with any number of processes. All of them read it, one writes it.
+    Raises what `save_checkpoint` and `load_checkpoint` do, and
     OutputError where nothing can be written, before the first step.
     """
-    model, g = training.model, training.generator
+    model, g, world = training.model, training.generator, run.world
     check_writable(run.checkpoint)
     optimizer = adam(model.parameters())
     record: dict[str, Any] = {
@@ -158,53 +163,68 @@ def train(training: Training, run: Run) -> dict[str, Any]:
     state: dict[str, Any] = {"model": model, "optimizer": optimizer, "generator": g}
     if run.resume and run.checkpoint.exists():
         record = load_checkpoint(run.checkpoint, fresh=record, **state)
-    log = None if run.log is None else _open_log(run.log / run.name)
+    if world.agreed(record["step"]) != record["step"]:
+        raise UsageError(
+            f"Not all processes see the checkpoint {shown(run.checkpoint)}.",
+            "Write to a folder that all their machines share.",
+        )
+    log = _open_log(run.log / run.name) if run.log is not None and world.leads else None
+    loss = world.together(model, training.loss)
     if run.minutes is not None and record["step"] == 0:
-        record["iterations"] = _iterations_in(run.minutes, training, optimizer)
-    total, begun = record["iterations"], time.process_time() - record["seconds"]
+        record["iterations"] = _iterations_in(run.minutes, loss, optimizer, g, world)
+    total, begun = record["iterations"], world.seconds() - record["seconds"]
     saved = time.monotonic()
     steps = range(record["step"], total)
-    bar = _bar(steps, total) if run.watch is None else None
+    bar = _bar(steps, total) if run.watch is None and world.leads else None
 
     def after(step: int, value: Tensor) -> None:
         nonlocal begun, saved
         if run.watch is not None and step % _WATCHED == 0:
             run.watch(run.name, step / total)
         if step % _LOGGED == 0:
+            mean = world.mean(value)
             if bar is not None:
-                bar.set_postfix_str(f"{run.name} loss {value.item():.5f}".strip(), refresh=False)
+                bar.set_postfix_str(f"{run.name} loss {mean:.5f}".strip(), refresh=False)
             if log is not None:
-                log.add_scalar("loss", value.item(), step)
+                log.add_scalar("loss", mean, step)
+        if not world.leads:
+            return
         looked, due = (at * training.looks // total for at in (step, step + 1))
         if training.look is not None and due > looked:
-            paused = time.process_time()
+            paused = world.seconds()
             scores = dict(training.look())
-            begun += time.process_time() - paused
-            minute = round((time.process_time() - begun) / 60, 2)
+            begun += world.seconds() - paused
+            minute = round((world.seconds() - begun) / 60, 2)
             record["curve"].append({"iteration": step + 1, "minutes": minute, **scores})
             if log is not None:
                 log.add_scalars("psnr", scores, step)
         if time.monotonic() - saved > run.save_every or step == total - 1:
             saved = time.monotonic()
-            record.update(step=step + 1, seconds=time.process_time() - begun)
+            record.update(step=step + 1, seconds=world.seconds() - begun)
             save_checkpoint(run.checkpoint, record=record, **state)
 
     clip, taken = training.clip, bar or steps
-    optimize(training.loss, optimizer, training.schedule, taken, total, clip=clip, after=after)
+    optimize(loss, optimizer, training.schedule, taken, total, clip=clip, after=after)
     return record
 
 
-def _iterations_in(minutes: float, training: Training, optimizer: torch.optim.Optimizer) -> int:
-    """How many fit in `minutes` of a core here; the trials leave everything as it was."""
-    drawn = training.generator.get_state()
-    training.loss(0).backward()  # the first allocates
-    start, trials, spent = time.process_time(), 0, 0.0
+def _iterations_in(
+    minutes: float,
+    loss: Callable[[int], Tensor],
+    optimizer: torch.optim.Optimizer,
+    generator: torch.Generator,
+    world: World,
+) -> int:
+    """How many fit in `minutes` here; the trials leave everything as it was."""
+    drawn = generator.get_state()
+    loss(0).backward()  # the first allocates
+    start, trials, spent = world.seconds(), 0, 0.0
     least, most = _TRIALS
     while trials < least or (trials < most and spent < _TRIED):
-        training.loss(0).backward()
-        trials, spent = trials + 1, time.process_time() - start
+        loss(0).backward()
+        trials, spent = trials + 1, world.agreed(world.seconds() - start)
     optimizer.zero_grad()
-    training.generator.set_state(drawn)
+    generator.set_state(drawn)
     return max(1, int(_USABLE * minutes * 60 * trials / spent))
 
 

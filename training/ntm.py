@@ -14,7 +14,7 @@ from torch import Tensor
 from model_runtime.atomic import check_writable
 from model_runtime.channels import NAMES
 from model_runtime.contract import LADDER
-from model_runtime.errors import UsageError, reason, shown
+from model_runtime.errors import InputError, UsageError, reason, shown
 from model_runtime.model_files.card import ModelCard, check_card
 from model_runtime.model_files.weights import hash_tensors, read_card, save_model
 from model_runtime.representation import load_representation
@@ -25,11 +25,13 @@ from model_runtime.temporal.domain import Domain
 from model_runtime.temporal.models import Affine, LatentLSTM, ParameterLSTM
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
+from .data.folder import Sample
 from .data.sequences import MixtureSequence, Sequence, read_sequence
+from .distributed import ALONE, World
 from .grain import grained
 from .ladder import Split, choose, held_out_ranges, held_out_texels, score, suffices, widest_channel
 from .loop import Run, Schedule, Training, remove_checkpoints, train
-from .source.histories import SourceHistories, source_histories
+from .source.histories import MOST_TEXELS, SourceHistories, source_histories
 from .source.onsets import timed
 from .source.steadiness import steadied
 
@@ -56,8 +58,9 @@ _DOUBTFUL = 25.0
 
 @dataclass(frozen=True)
 class NTMConfig:
-    """Both LSTMs are trained alike, and those that only cross-validate ranges for `fold_share` of
-    the iterations; `sufficient` and `margin` (dB) decide which rung is used.
+    """Both LSTMs are trained alike, on so many `texels` of all sequences together, and those that
+    only cross-validate ranges for `fold_share` of the iterations; `sufficient` and `margin` (dB)
+    decide which rung is used.
     """
 
     iterations: int = 2500
@@ -67,11 +70,12 @@ class NTMConfig:
     sufficient: float = 45.0
     margin: float = 1.0
     fold_share: float = 0.25
+    texels: int = MOST_TEXELS
 
 
 def train_ntm(
     *,
-    sequence: Path,
+    sequences: tuple[Path, ...],
     encoder: Path,
     output: Path,
     card: Mapping[str, str],
@@ -79,22 +83,34 @@ def train_ntm(
     minutes: float | None = None,
     seed: int = 0,
     config: NTMConfig = NTMConfig(),
+    world: World = ALONE,
 ) -> Path:
-    """Train every rung of the ladder on a sequence and write the NTM to `output`; returns that
-    path. `card` holds name, title, description, process, source, license.
+    """Train every rung of the ladder on `sequences` of one process and write the NTM to `output`;
+    returns that path. `card` holds name, title, description, process, source, license.
+
+    When texels start, grain and relief are the first sequence's. Of the others histories are
+    learned: they are read one after the other, a frame at a time, and a sample of texels is kept.
 
     The file takes the place of an earlier one only when it can be loaded again.
     """
     check_writable(output)
     check_texts(card)
     command = (
-        f"python -m training ntm --sequence {shown(sequence)} --encoder {shown(encoder.name)} "
-        f"--output {shown(output.name)} --name {card['name']} --seed {seed}"
+        f"python -m training ntm --sequence {' '.join(map(shown, sequences))} "
+        f"--encoder {shown(encoder.name)} --output {shown(output.name)} --name {card['name']} "
+        f"--seed {seed}"
         + (f" --minutes {minutes:g}" if minutes is not None else "")
+        + "".join(
+            f" --{name} {getattr(config, name)}"
+            for name in ("texels", "batch")
+            if getattr(config, name) != getattr(NTMConfig, name)
+        )
     )
-    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed)
-    learned = timed(steadied(read_sequence(sequence, clamp=False)), seed=seed)
-    found = write_ntm(learned, encoder, {**card}, command, config, run)
+    run = Run(output, output.with_suffix(".tensorboard"), resume, minutes, seed, world=world)
+    first = timed(steadied(read_sequence(sequences[0], clamp=False)), seed=seed)
+    found = write_ntm(first, encoder, {**card}, command, config, run, sequences[1:])
+    if not world.leads:
+        return output
     print(f"{output}: {found['temporal_model']}; dB of what was held out:")
     for rung, scores in found["ladder"].items():
         print(f"  {rung}: " + ", ".join(f"{name} {psnr:.1f}" for name, psnr in scores.items()))
@@ -118,14 +134,16 @@ def write_ntm(
     command: str,
     config: NTMConfig,
     run: Run,
+    others: tuple[Path, ...] = (),
 ) -> dict[str, Any]:
-    """Train every rung of the ladder on `sequence`, whose timing is known, and write the NTM, with
-    the sequence's grain and height, where `run` says; the card that it has.
+    """Train every rung of the ladder on `sequence`, whose timing is known, and on those in the
+    folders `others`, and write the NTM, with the first one's grain and height, where `run` says;
+    the card that it has.
 
     `card` is what is known of it before: name, title, description, process, source, license.
     """
     representation, identity = load_representation(encoder)
-    source = source_histories(sequence, representation, seed=run.seed)
+    source = _histories(sequence, others, representation, config.texels, run.seed)
     ntm = train_ladder(source, representation, config, run)
     ntm, told = grained(ntm, sequence, seed=run.seed)
     found = {**ntm.card.details, **told}
@@ -142,15 +160,39 @@ def write_ntm(
         **found,
         "trained": {"command": command, **found["trained"]},
     }
-    save_model(
-        run.base,
-        ntm.tensors(),
-        details,
-        kind="ntm",
-        check=lambda file: NeuralTemporalModel.load(file, identity),
-    )
-    remove_checkpoints(run, PARTS)
+    if run.world.leads:
+        save_model(
+            run.base,
+            ntm.tensors(),
+            details,
+            kind="ntm",
+            check=lambda file: NeuralTemporalModel.load(file, identity),
+        )
+        remove_checkpoints(run, PARTS)
     return details
+
+
+def _histories(
+    sequence: Sequence | MixtureSequence,
+    others: tuple[Path, ...],
+    representation: Representation,
+    texels: int,
+    seed: int,
+) -> SourceHistories:
+    """Histories of `texels` of all sequences together, of each as many."""
+    each = max(1, texels // (1 + len(others)))
+    found = source_histories(sequence, representation, texels=each, seed=seed)
+    ages = len(sequence.times)
+    parts = []
+    for folder in others:
+        sampled = read_sequence(folder, sample=Sample(max(each, MOST_TEXELS), seed), clamp=False)
+        if isinstance(sequence, MixtureSequence) or isinstance(sampled, MixtureSequence):
+            raise InputError(
+                "A mixture of measured materials is learned from alone.", "Name one sequence."
+            )
+        other = timed(steadied(sampled), seed=seed)
+        parts.append(source_histories(other, representation, texels=each, ages=ages, seed=seed))
+    return found.and_those(parts) if parts else found
 
 
 def train_ladder(
@@ -222,7 +264,7 @@ def _cross_validate(
     for name, part in ranges.items():
         for rung in cheap:
             scores[rung][name] = score(rung, folds[name], part.test, representation)
-    if any(suffices(scores[rung], config.sufficient) for rung in cheap):
+    if run.world.agreed(any(suffices(scores[rung], config.sufficient) for rung in cheap)):
         return 0.0
     short = tuple(
         replace(
@@ -285,7 +327,9 @@ def train_lstm(
         loss_of = _paper_loss if faithful else _latent_loss
         if not faithful:
             model.standardize(states)
-    return model, _train(model, states, source.observed, loss_of, config, run.part(kind))
+    model.to(run.world.device)
+    record = _train(model, states, source.observed, loss_of, config, run.part(kind))
+    return model.cpu(), record
 
 
 def _ranges(initial: Tensor) -> dict[str, list[float]]:
@@ -331,15 +375,18 @@ def _train(
     """Train `model` to roll states[:, 0] out into `states` [N, T, D]; the record of `train`."""
     g = torch.Generator().manual_seed(run.seed)
     frames = states.shape[1]
+    mine = run.world.share(min(config.batch, len(states)))
 
     def loss(_: int) -> Tensor:
-        rows = torch.randint(len(states), (min(config.batch, len(states)),), generator=g)
+        rows = torch.randint(len(states), (mine.whole,), generator=g)
         mask = observed[rows, 1:, None]
-        missed = loss_of(model.rollout(states[rows, 0], frames), states[rows], model)[:, 1:]
-        return (missed * mask).sum() / (mask.sum() * states.shape[2]).clamp_min(1)
+        truth = mine(states[rows])
+        missed = loss_of(model.rollout(truth[:, 0], frames), truth, model)[:, 1:]
+        counted = (mask.sum() * states.shape[2]).clamp_min(1)
+        return mine.step * (missed * mine(mask)).sum() / counted
 
     settings = asdict(config)
-    del settings["fold_share"]  # says nothing of this LSTM
+    del settings["fold_share"], settings["texels"]  # say nothing of this LSTM
     made_from = {"config": settings, "states": hash_tensors({"": states})}
     schedule = Schedule(config.learning_rate, config.warm_up)
     return train(Training(model, loss, schedule, config.iterations, g, made_from), run)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from ..backend import Tensor, torch
 from ..brdf.fit import USUAL, FitEffort
 from ..contract import BALANCED, CONSTANT, DRAFT, EXACT, LSTM_LATENTS, Quality, Specular
+from ..device import CPU
 from ..images import Compression
 from ..representation.estimator import ParameterEstimator
 from ..representation.latents import PAPER_SAMPLES, Latents, Representation
@@ -17,7 +18,7 @@ from ..temporal.wear import Course
 from .compose import AgedTexels
 from .palette import Palette, appearance_psnr, build_palette
 from .residues import Residues
-from .rollout import CPU, Histories, roll_out
+from .rollout import Histories, roll_out
 
 __all__ = ("EFFORTS", "Change", "Effort", "model_texels")
 

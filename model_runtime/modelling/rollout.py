@@ -13,6 +13,7 @@ from ..brdf.refinement import SeenFit, fit_seen
 from ..brdf.torrance_sparrow import evaluate
 from ..channels import KD, KS, REFLECTANCES, optics
 from ..contract import LSTM_LATENTS, Specular
+from ..device import CPU
 from ..errors import InputError, ModelFileError, shown
 from ..maps import HALF_MAX
 from ..representation.estimator import ParameterEstimator
@@ -20,9 +21,7 @@ from ..representation.latents import Latents, Representation
 from ..states import clamped, with_reflectances
 from ..temporal.ntm import NeuralTemporalModel
 
-__all__ = ("CPU", "Histories", "fit_measured", "roll_out")
-
-CPU = torch.device("cpu")
+__all__ = ("Histories", "fit_measured", "roll_out")
 
 _BRIGHTEST = 3.0
 _CHUNK = 256

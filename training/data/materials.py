@@ -6,16 +6,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
 
 from model_runtime.brdf import disney
 from model_runtime.brdf import torrance_sparrow as ts
+from model_runtime.brdf.disney import DisneyParameters
 from model_runtime.brdf.half_angle import above_horizon, cosines, from_directions
 from model_runtime.representation.lobes import TRUSTED_COSINE
 
+from ..distributed import Share
 from .analytic import random_disney, random_torrance_sparrow
 from .nbrdf import NeuralBRDFs
 
@@ -53,6 +55,14 @@ class _Coat:
         strength = torch.cat((log_uniform(0.3, 1.5), log_uniform(0.003, 0.5)), 1)
         gamma = torch.cat((log_uniform(0.7, 20), log_uniform(0.7, 20)), 1)
         return cls(rows, torch.cat((peak, haze), 1), gamma, strength, log_uniform(0.02, 0.2))
+
+    def of(self, mine: Share) -> _Coat:
+        """The layers on the materials that are `mine`."""
+        place = self.coated - mine.first
+        here = (place >= 0) & (place % mine.step == 0)
+        rows = torch.div(place[here], mine.step, rounding_mode="floor")
+        drawn = (self.alpha[here], self.gamma[here], self.weight[here], self.f0[here])
+        return _Coat(*(each.to(mine.device) for each in (rows, *drawn)))
 
     def __call__(self, f: Tensor, angles: Tensor) -> Tensor:
         """`f` [n, M, 3] at `angles` [M, 3], with the layer."""
@@ -120,6 +130,20 @@ class _BentMeasured:
         coat = _Coat.draw(some(0.3)[:, 0], g)
         return cls(source, first, second, share, stretch, recolor, diffuse, darkening, coat)
 
+    def of(self, mine: Share) -> _BentMeasured:
+        """Those of the materials that are `mine`."""
+        return _BentMeasured(
+            source=self.source.to(mine.device),
+            first=mine(self.first),
+            second=mine(self.second),
+            share=mine(self.share),
+            stretch=mine(self.stretch),
+            recolor=mine(self.recolor),
+            diffuse=mine(self.diffuse),
+            darkening=mine(self.darkening),
+            coat=self.coat.of(mine),
+        )
+
     def __call__(self, angles: Tensor) -> Tensor:
         theta_h = angles[:, 0] * self.stretch
         # the directions stay where they are; only the lobe is looked up elsewhere
@@ -139,24 +163,29 @@ class _BentMeasured:
 
 
 def draw_batch(
-    measured: NeuralBRDFs, size: int, g: torch.Generator, *, bent: float, torrance_sparrow: float
+    measured: NeuralBRDFs, mine: Share, g: torch.Generator, *, bent: float, torrance_sparrow: float
 ) -> list[Evaluate]:
-    """Functions of angles [M, 3] -> f [n, M, 3] that make up `size` materials.
+    """Functions of angles [M, 3] -> f [n, M, 3] that make up the materials of a batch that are
+    `mine`.
 
-    Half are measured (a share `bent` of them changed), a share `torrance_sparrow` of the batch
-    follows that model, the rest are Disney's.
+    Half of all are measured (a share `bent` of them changed), a share `torrance_sparrow` of the
+    batch follows that model, the rest are Disney's. `measured` is on the CPU.
     """
-    simple = int(size * torrance_sparrow)
-    disney_count = size // 2 - simple
-    parameters = random_disney(disney_count, g)
-    states = random_torrance_sparrow(simple, g)
-    sources: list[Evaluate] = [
-        _BentMeasured.draw(measured, size - size // 2, 1 - bent, g),
-        lambda angles: disney.evaluate(parameters, angles),
+    first = mine.whole - mine.whole // 2
+    last = int(mine.whole * torrance_sparrow)
+    between = mine.whole - first - last
+    parameters = random_disney(between, g)
+    states = random_torrance_sparrow(last, g)
+    changed = _BentMeasured.draw(measured, first, 1 - bent, g)
+    of_disney, of_simple = mine.among(first, between), mine.among(first + between, last)
+    p = DisneyParameters(*(of_disney(getattr(parameters, f.name)) for f in fields(parameters)))
+    kd, ks, alpha = (of_simple(each) for each in states)
+    sources: list[tuple[Share, Evaluate]] = [
+        (mine.among(0, first), changed.of(mine.among(0, first))),
+        (of_disney, lambda angles: disney.evaluate(p, angles)),
+        (of_simple, lambda angles: ts.evaluate(kd, ks, alpha, angles)),
     ]
-    if simple:
-        sources.append(lambda angles: ts.evaluate(*states, angles))
-    return sources
+    return [evaluate for rows, evaluate in sources if len(rows)]
 
 
 def loss_angles(n: int, g: torch.Generator) -> Tensor:
@@ -207,34 +236,36 @@ def sphere_angles(pixels: int, lights: int, g: torch.Generator) -> tuple[Tensor,
 
 
 def damage(
-    angles: Tensor, f: Tensor, share: float, g: torch.Generator, *, measured: int = 0
+    angles: Tensor, f: Tensor, share: float, g: torch.Generator, mine: Share, *, measured: int = 0
 ) -> Tensor:
-    """`f` [N, M, 3] at `angles` [M, 3] as a poor measurement gives it, for a `share` of the rows.
+    """`f` [n, M, 3] at `angles` [M, 3], the rows of a batch that are `mine`, as a poor measurement
+    gives them, for a `share` of the batch.
 
-    Of the first `measured` rows, three quarters lose what is not to be trusted in a measurement.
+    Of the batch's first `measured` rows, three quarters lose what is not to be trusted in a
+    measurement.
 
     A damaged row is one of: cut to its first m samples (16 or more), cut to a random part, without
     grazing directions, without one channel, or noisy (5 % a sample) with a few fireflies. Missing
     samples are NaN.
     """
-    n, m, _ = f.shape
+    n, m = mine.whole, f.shape[1]
 
     def uniform(*shape: int) -> Tensor:
-        return torch.rand(n, *shape, generator=g)
+        return mine(torch.rand(n, *shape, generator=g))
 
-    kind = torch.where(uniform() < share, torch.randint(0, 5, (n,), generator=g), 5)
-    first = torch.arange(m) >= (16 * (m / 16) ** uniform(1))
+    kind = torch.where(uniform() < share, mine(torch.randint(0, 5, (n,), generator=g)), 5)
+    first = torch.arange(m, device=f.device) >= (16 * (m / 16) ** uniform(1))
     cos_i, cos_o, _, _ = cosines(angles)
     low = torch.minimum(cos_i, cos_o)
     grazing = low < uniform(1) * 0.6
-    channel = torch.arange(3) == torch.randint(0, 3, (n, 1), generator=g)
-    lost = (torch.arange(n) < measured) & (uniform() < 0.75)
+    channel = mine(torch.arange(3) == torch.randint(0, 3, (n, 1), generator=g))
+    lost = mine(torch.arange(n) < measured) & (uniform() < 0.75)
     lost = lost[:, None] & (low < TRUSTED_COSINE)
     lost |= (kind == 0)[:, None] & first
     lost |= (kind == 1)[:, None] & (uniform(m) < 0.9 * uniform(1))
     lost |= (kind == 2)[:, None] & grazing
     lost = lost[..., None] | ((kind == 3)[:, None] & channel)[:, None]
-    noisy = (f * (1 + 0.05 * torch.randn(f.shape, generator=g))).clamp_min(0)
+    noisy = (f * (1 + 0.05 * mine(torch.randn(n, m, 3, generator=g)))).clamp_min(0)
     noisy = torch.where(uniform(m, 1) < 0.01, noisy * 100 ** uniform(m, 1), noisy)
     f = torch.where((kind == 4)[:, None, None], noisy, f)
     return f.masked_fill(lost, math.nan)

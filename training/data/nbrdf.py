@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -35,6 +35,10 @@ class NeuralBRDFs:
         """The networks of `names`, in that order."""
         rows = torch.tensor([self.names.index(name) for name in names])
         return NeuralBRDFs(tuple(names), tuple((w[rows], b[rows]) for w, b in self.layers))
+
+    def to(self, device: torch.device) -> NeuralBRDFs:
+        """The same on another device."""
+        return replace(self, layers=tuple((w.to(device), b.to(device)) for w, b in self.layers))
 
     def without(self, names: tuple[str, ...]) -> NeuralBRDFs:
         """All networks but those of `names`."""

@@ -24,28 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model_runtime.channels import CHANNELS, optics
-from model_runtime.errors import InputError, reason, shown
-from model_runtime.images import read_image
-from model_runtime.maps import HALF_MAX
-from model_runtime.model_files.card import MOST_AGES, strict_json
+from model_runtime.errors import InputError, reason
+from model_runtime.model_files.card import MOST_AGES
 from model_runtime.temporal.pace import Timing
 
-__all__ = (
-    "MOST_TEXELS",
-    "Crop",
-    "MixtureSequence",
-    "Sequence",
-    "read_sequence",
-    "uniform_times",
-)
+from .folder import Array, Crop, Folder, Kept, Sample, frame_count, numbered, part_of, stack
 
-Array = NDArray[np.float32]
-Crop = tuple[slice, slice]
+__all__ = ("MixtureSequence", "Sequence", "read_sequence", "uniform_times")
 
-MOST_TEXELS = 1 << 28
-"""Of a map in all frames: 36 of 2,730 x 2,730, which take 3 GB."""
-
-_LARGEST_JSON = 1 << 20
 _MAPS = ("kd", "ks", "alpha")
 _RESIDUES = ("kd", "ks", "alpha", "height")
 _POLYNOMIALS = {"kd": "Diffuse", "ks": "Specular", "alpha": "Roughness"}
@@ -137,25 +123,32 @@ def uniform_times(frames: int) -> Array:
 
 
 def read_sequence(
-    folder: Path, *, frames: int = 36, crop: Crop | None = None, clamp: bool = True
+    folder: Path,
+    *,
+    frames: int = 36,
+    crop: Crop | None = None,
+    sample: Sample | None = None,
+    clamp: bool = True,
 ) -> Sequence | MixtureSequence:
     """The sequence a folder holds.
 
     `frames` is the number of uniform times at which polynomials are evaluated; stored frames are
-    taken as they are. `crop` keeps (rows, columns) of every map. Unless `clamp` is False, values
+    taken as they are. `crop` keeps (rows, columns) of every map; with a `sample` no more than those
+    texels of a map are ever held, in maps of one column. Unless `clamp` is False, values
     that a fit has carried out of range are clamped (see `Sequence.out_of_range`).
 
     Raises `InputError` for a folder that holds no sequence, a missing frame or map, maps of
     different sizes, values that are not numbers or beyond those of half floats, fewer than two
     frames or more than 1,000, or more texels than memory is likely to hold.
     """
-    source = _Folder.of(Path(folder))
+    source = Folder.of(Path(folder))
+    kept = sample or part_of(crop)
     if "mixture.json" in source.names:
-        return _read_mixture(source, crop)
+        return _read_mixture(source, kept)
     if any(re.fullmatch(r"kd_.*\.exr", name) for name in source.names):
-        sequence = _read_frames(source, crop)
+        sequence = _read_frames(source, kept)
     elif any(re.fullmatch(r"Diffuse-.*\.exr", name) for name in source.names):
-        sequence = _read_polynomials(source, frames, crop)
+        sequence = _read_polynomials(source, frames, kept)
     else:
         raise InputError(
             f"The folder {source} holds no sequence.",
@@ -165,42 +158,11 @@ def read_sequence(
     return sequence.clamped() if clamp else sequence
 
 
-@dataclass(frozen=True)
-class _Folder:
-    """A folder and the names in it, looked up once; as text, its path for a sentence."""
-
-    path: Path
-    names: frozenset[str]
-
-    @classmethod
-    def of(cls, path: Path) -> _Folder:
-        try:
-            return cls(path, frozenset(entry.name for entry in path.iterdir()))
-        except (FileNotFoundError, NotADirectoryError) as error:
-            raise InputError(
-                f"There is no folder {shown(path)}.", "Name a folder that holds a sequence of maps."
-            ) from error
-        except (OSError, ValueError) as error:  # ValueError: no path at all
-            raise InputError(
-                f"The folder {shown(path)} cannot be read: {reason(error)}.", "Check the path."
-            ) from error
-
-    def __str__(self) -> str:
-        return shown(self.path)
-
-    def json(self, name: str) -> Any:
-        """What the file `name` holds. Raises ValueError or OSError for what is no small JSON."""
-        path = self.path / name
-        if not path.is_file() or path.stat().st_size > _LARGEST_JSON:
-            raise ValueError("it is no file of this kind")
-        return strict_json(path.read_bytes())
-
-
 _NOT_JSON = (OSError, ValueError, KeyError, TypeError, RecursionError)
 
 
-def _read_frames(folder: _Folder, crop: Crop | None) -> Sequence:
-    counts = {name: _frame_count(folder, name) for name in _MAPS}
+def _read_frames(folder: Folder, kept: Kept) -> Sequence:
+    counts = {name: frame_count(folder, name) for name in _MAPS}
     if len(set(counts.values())) > 1:
         found = ", ".join(f"{count} {name}" for name, count in counts.items())
         raise InputError(
@@ -208,12 +170,12 @@ def _read_frames(folder: _Folder, crop: Crop | None) -> Sequence:
             "Write kd, ks and alpha for every frame.",
         )
     frames = counts["alpha"]
-    maps = {name: _stack(folder, _numbered(name, frames), frames, crop) for name in _MAPS}
+    maps = {name: stack(folder, numbered(name, frames), frames, kept) for name in _MAPS}
     given = "onset.exr" in folder.names
-    onset = _stack(folder, ["onset.exr"], 1, crop)[0, ..., 0] if given else None
+    onset = stack(folder, ["onset.exr"], 1, kept)[0, ..., 0] if given else None
     sequence = _sequence(folder, maps, _times(folder, frames), onset)
     raised = "height_0001.exr" in folder.names
-    height = _stack(folder, _numbered("height", frames), frames, crop) if raised else None
+    height = stack(folder, numbered("height", frames), frames, kept) if raised else None
     return replace(
         sequence,
         timing=_timing(folder),
@@ -222,7 +184,7 @@ def _read_frames(folder: _Folder, crop: Crop | None) -> Sequence:
     )
 
 
-def _read_polynomials(folder: _Folder, frames: int, crop: Crop | None) -> Sequence:
+def _read_polynomials(folder: Folder, frames: int, kept: Kept) -> Sequence:
     if not 2 <= frames <= MOST_AGES:
         raise InputError(f"A sequence cannot have {frames} frames.", f"Ask for 2 to {MOST_AGES:,}.")
     times = uniform_times(frames)
@@ -230,11 +192,11 @@ def _read_polynomials(folder: _Folder, frames: int, crop: Crop | None) -> Sequen
     maps = {}
     for name, prefix in _POLYNOMIALS.items():
         files = [f"{prefix}-{k}.exr" for k in range(4)]
-        maps[name] = np.einsum("tk,khwc->thwc", powers, _stack(folder, files, frames, crop))
+        maps[name] = np.einsum("tk,khwc->thwc", powers, stack(folder, files, frames, kept))
     return _sequence(folder, maps, times, None)
 
 
-def _read_mixture(folder: _Folder, crop: Crop | None) -> MixtureSequence:
+def _read_mixture(folder: Folder, kept: Kept) -> MixtureSequence:
     try:
         materials = folder.json("mixture.json")["materials"]
         if not isinstance(materials, list) or not all(isinstance(name, str) for name in materials):
@@ -245,15 +207,15 @@ def _read_mixture(folder: _Folder, crop: Crop | None) -> MixtureSequence:
             f"The mixture.json of {folder} does not name two materials.",
             'It should read {"materials": ["first", "second"]}.',
         ) from error
-    frames = _frame_count(folder, "w")
-    weights = _stack(folder, _numbered("w", frames), frames, crop)[..., 0]
+    frames = frame_count(folder, "w")
+    weights = stack(folder, numbered("w", frames), frames, kept)[..., 0]
     if weights.min() < 0 or weights.max() > 1:
         raise InputError(f"Weights in {folder} leave 0 to 1.", "Scale them into that range.")
     return MixtureSequence((first, second), weights, _times(folder, frames), folder.path.name)
 
 
 def _sequence(
-    folder: _Folder, maps: dict[str, Array], times: Array, onset: Array | None
+    folder: Folder, maps: dict[str, Array], times: Array, onset: Array | None
 ) -> Sequence:
     alpha = maps["alpha"][..., 0]
     sizes = {name: stack.shape[1:3] for name, stack in maps.items()}
@@ -266,34 +228,7 @@ def _sequence(
     return Sequence(maps["kd"], maps["ks"], alpha, times, onset, folder.path.name)
 
 
-def _frame_count(folder: _Folder, name: str) -> int:
-    """Number of files `name_0001.exr` .. without a gap, from two to 1,000."""
-    pattern = re.compile(re.escape(name) + r"_([0-9]{4,})\.exr")
-    found = {int(m[1]) for file in folder.names if (m := pattern.fullmatch(file))}
-    # Not up to the highest number, which may be anything.
-    missing = next(k for k in range(1, len(found) + 2) if k not in found)
-    if missing <= len(found) or not found:
-        raise InputError(
-            f"The sequence in {folder} lacks {name}_{missing:04d}.exr.",
-            "Number the frames from 0001 without gaps.",
-        )
-    if len(found) < 2:
-        raise InputError(
-            f"The sequence in {folder} has only one frame.", "It needs at least two to show change."
-        )
-    if len(found) > MOST_AGES:
-        raise InputError(
-            f"The sequence in {folder} has {len(found):,} frames.",
-            f"Leave out all but {MOST_AGES:,}.",
-        )
-    return len(found)
-
-
-def _numbered(name: str, frames: int) -> list[str]:
-    return [f"{name}_{k:04d}.exr" for k in range(1, frames + 1)]
-
-
-def _times(folder: _Folder, frames: int) -> Array:
+def _times(folder: Folder, frames: int) -> Array:
     """The `times` of `sequence.json`, or uniform ones where there is none."""
     if "sequence.json" not in folder.names:
         return uniform_times(frames)
@@ -312,7 +247,7 @@ def _times(folder: _Folder, frames: int) -> Array:
     return times
 
 
-def _timing(folder: _Folder) -> Timing | None:
+def _timing(folder: Folder) -> Timing | None:
     """The `timing` of `sequence.json`; None where there is none."""
     if "sequence.json" not in folder.names:
         return None
@@ -326,14 +261,14 @@ def _timing(folder: _Folder) -> Timing | None:
         ) from error
 
 
-def _grain(folder: _Folder, frames: int) -> dict[str, Any]:
+def _grain(folder: Folder, frames: int) -> dict[str, Any]:
     """The fields of a sequence that tell of its grain, and its sources."""
     described = folder.json("sequence.json") if "sequence.json" in folder.names else {}
     found: dict[str, Any] = {"sources": tuple(described.get("sources", ()))}
     names = [f"grain_{name}.exr" for name in _RESIDUES]
     if names[0] not in folder.names:
         return found
-    kd, ks, rough, height = (_stack(folder, [name], 1, None)[0] for name in names)
+    kd, ks, rough, height = (stack(folder, [name], 1, part_of(None))[0] for name in names)
     if len({each.shape for each in (kd, ks, rough, height)}) > 1 or len(kd) != kd.shape[1]:
         raise InputError(f"The grain in {folder} is no square.", "Write its maps in one size.")
     found["residue"] = np.concatenate((kd, ks, rough[..., :1], height[..., :1]), -1)
@@ -349,39 +284,3 @@ def _grain(folder: _Folder, frames: int) -> dict[str, Any]:
             'It should read "grain": {"share": 0.5}: how much of a material\'s side it covers.',
         ) from error
     return {**found, "share": share, "strength": strength}
-
-
-def _stack(folder: _Folder, files: list[str], frames: int, crop: Crop | None) -> Array:
-    """Images of one size as float32 [N, H, W, 3], from which `frames` frames are made."""
-    images: list[Array] = []
-    for file in files:
-        if file not in folder.names:
-            raise InputError(f"The sequence in {folder} lacks {file}.", "Add the file.")
-        image = read_image(folder.path / file, color=True)
-        if images and image.shape != images[0].shape:
-            raise InputError(
-                f"{file} differs in size from {files[0]} in {folder}.",
-                "Bring all maps to one size.",
-            )
-        height, width, _ = image.shape
-        if frames * height * width > MOST_TEXELS:
-            raise InputError(
-                f"The sequence in {folder} has {frames} frames of {width} x {height} texels.",
-                "Make them smaller, or leave some out: a model learns from 8,192 texels.",
-            )
-        if not bool((np.abs(image) <= HALF_MAX).all()):  # nor NaN
-            raise InputError(
-                f"{shown(folder.path / file)} holds values that are not numbers, "
-                f"or beyond {HALF_MAX:,.0f}.",
-                "Write the map again without them.",
-            )
-        images.append(image)
-    stack = np.stack(images)
-    if crop is not None:
-        stack = stack[:, crop[0], crop[1]]
-    if stack.size == 0:
-        raise InputError(
-            f"Nothing of {files[0]} in {folder} is left inside the crop.",
-            "Choose a crop inside the maps.",
-        )
-    return stack

@@ -20,7 +20,8 @@ from model_runtime.errors import InputError
 from model_runtime.images import read_image
 from model_runtime.maps import TorranceSparrowMaps
 
-from .sequences import Crop, Sequence, uniform_times
+from .folder import Crop
+from .sequences import Sequence, uniform_times
 
 __all__ = ("S1_DELTA", "from_pbr", "offset", "s1", "s2")
 

@@ -24,8 +24,9 @@ from model_runtime.model_files.card import MOST_AGES
 from model_runtime.temporal.onset import fractal_noise, onset_map, rate_map
 from model_runtime.temporal.pace import Timing
 
+from .folder import MOST_TEXELS
 from .kinetics import PROCESSES, history
-from .sequences import MOST_TEXELS, Sequence, uniform_times
+from .sequences import Sequence, uniform_times
 from .weathering_grain import GRAIN_SHARE, grain_strength, process_grain
 from .weathering_materials import draw
 from .writing import write_sequence

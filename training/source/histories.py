@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,12 +20,14 @@ from ..data.location import data_folder
 from ..data.nbrdf import load
 from ..data.sequences import MixtureSequence, Sequence
 
-__all__ = ("Mixture", "SourceHistories", "source_histories")
+__all__ = ("MOST_TEXELS", "Mixture", "SourceHistories", "source_histories")
 
 _SAMPLES = 256
 """Directions a BRDF is encoded from, where the representation leaves the choice."""
 
-_MOST_TEXELS = 8192
+MOST_TEXELS = 8192
+"""That a model learns from unless it is told otherwise."""
+
 _CHUNK = 4096
 
 
@@ -77,22 +79,41 @@ class SourceHistories:
             mixture=mixture and replace(mixture, weights=mixture.weights[rows]),
         )
 
+    def and_those(self, others: Iterable[SourceHistories]) -> SourceHistories:
+        """These, and those of other sequences, none of them mixtures; the timing is of these."""
+        parts = [self, *others]
+        return replace(
+            self,
+            parameters=torch.cat([part.parameters for part in parts]),
+            latents=torch.cat([part.latents for part in parts]),
+            observed=torch.cat([part.observed for part in parts]),
+            out_of_range=sum(part.out_of_range for part in parts) / len(parts),
+            warnings=tuple(dict.fromkeys(said for part in parts for said in part.warnings)),
+        )
+
 
 def source_histories(
-    sequence: Sequence | MixtureSequence, representation: Representation, *, seed: int = 0
+    sequence: Sequence | MixtureSequence,
+    representation: Representation,
+    *,
+    texels: int = MOST_TEXELS,
+    ages: int | None = None,
+    seed: int = 0,
 ) -> SourceHistories:
-    """The histories in `sequence`: at most 8,192 of its texels, drawn by `seed`."""
+    """The histories in `sequence`: at most `texels` of its texels, drawn by `seed`, at so many
+    `ages`; as many as it has frames, unless it is told.
+    """
     frames = len(sequence.times)
     if isinstance(sequence, MixtureSequence):
-        weights = _sampled(sequence.weights.reshape(frames, -1, 1), seed)
+        weights = _sampled(sequence.weights.reshape(frames, -1, 1), texels, seed)
         return _mixture_histories(sequence, weights, representation)
     broken = sequence.out_of_range()
     marked = np.concatenate((sequence.clamped().states(), broken[..., None]), -1, dtype=np.float32)
     flat = marked.reshape(frames, -1, marked.shape[-1])
     onset = None if sequence.onset is None else sequence.onset.reshape(1, -1, 1)
-    states = _sampled(flat, seed)
-    starts = np.zeros(states.shape[1]) if onset is None else _sampled(onset, seed)[0, :, 0]
-    histories, observed = align(torch.from_numpy(states), sequence.times, starts)
+    states = _sampled(flat, texels, seed)
+    starts = np.zeros(states.shape[1]) if onset is None else _sampled(onset, texels, seed)[0, :, 0]
+    histories, observed = align(torch.from_numpy(states), sequence.times, starts, ages)
     parameters, observed = histories[..., :-1].contiguous(), observed & (histories[..., -1] == 0)
     angles = representation.sample_angles(_SAMPLES)
 
@@ -110,15 +131,17 @@ def source_histories(
     )
 
 
-def align(states: Tensor, times: np.ndarray, onset: np.ndarray) -> tuple[Tensor, Tensor]:
-    """Histories [N, T, D] counted from `onset` [N], and which of their ages were observed [N, T].
+def align(
+    states: Tensor, times: np.ndarray, onset: np.ndarray, ages: int | None = None
+) -> tuple[Tensor, Tensor]:
+    """Histories [N, A, D] counted from `onset` [N], and which of their ages were observed [N, A].
 
-    `states` [T, N, D] at `times` [T] are interpolated linearly at onset + age; ages beyond the
-    last time repeat it and are not observed.
+    `states` [T, N, D] at `times` [T] are interpolated linearly at onset + age, for so many `ages`
+    (T, unless it is told); ages beyond the last time repeat it and are not observed.
     """
     frames = len(times)
-    ages = torch.linspace(0, 1, frames)
-    wanted = torch.as_tensor(onset, dtype=torch.float32)[:, None] + ages
+    age = torch.linspace(0, 1, ages or frames)
+    wanted = torch.as_tensor(onset, dtype=torch.float32)[:, None] + age
     clock = torch.as_tensor(times, dtype=torch.float32)
     upper = torch.searchsorted(clock, wanted.contiguous()).clamp(1, frames - 1)
     span = (clock[upper] - clock[upper - 1]).clamp_min(1e-9)
@@ -129,12 +152,12 @@ def align(states: Tensor, times: np.ndarray, onset: np.ndarray) -> tuple[Tensor,
     return histories, wanted <= clock[-1] + 1e-6
 
 
-def _sampled(values: np.ndarray, seed: int) -> np.ndarray:
-    """At most `_MOST_TEXELS` columns of [T, n, D], the same ones for the same n and seed."""
+def _sampled(values: np.ndarray, texels: int, seed: int) -> np.ndarray:
+    """At most `texels` columns of [T, n, D], the same ones for the same n and seed."""
     count = values.shape[1]
-    if count <= _MOST_TEXELS:
+    if count <= texels:
         return values
-    rows = np.sort(np.random.default_rng(seed).choice(count, _MOST_TEXELS, replace=False))
+    rows = np.sort(np.random.default_rng(seed).choice(count, texels, replace=False))
     return values[:, rows]
 
 

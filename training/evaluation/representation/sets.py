@@ -13,8 +13,9 @@ from model_runtime.brdf import disney, rgl, torrance_sparrow
 from model_runtime.brdf.disney import DisneyParameters
 
 from ...data.analytic import random_disney, random_torrance_sparrow
+from ...data.folder import Crop
 from ...data.nbrdf import HELD_OUT, NeuralBRDFs, load
-from ...data.sequences import Crop, Sequence, read_sequence
+from ...data.sequences import Sequence, read_sequence
 
 __all__ = ("BAD_FITS", "BLOCK", "FRAMES", "SEED", "SETS", "UNIFORM", "Materials", "material_sets")
 

@@ -14,8 +14,9 @@ from scipy.ndimage import gaussian_filter
 
 from model_runtime.maps import TorranceSparrowMaps
 
+from ...data.folder import Crop
 from ...data.kinetics import history
-from ...data.sequences import Crop, MixtureSequence, Sequence, read_sequence, uniform_times
+from ...data.sequences import MixtureSequence, Sequence, read_sequence, uniform_times
 from ...data.synthetic import S1_DELTA, from_pbr, offset, s1, s2
 
 __all__ = ("CASES", "CORNERS", "GRID", "Case", "make_cases", "mixed_weights", "patches", "spots")
