@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import time
 from pathlib import Path
 
@@ -11,6 +13,8 @@ from . import output, preferences
 from .errors import SettingsError
 
 __all__ = ("folder_for", "is_kept_apart", "require_place")
+
+_FILE_NAME = re.compile(r"[^/\\]*$" if os.sep == "\\" else "[^/]*$")
 
 
 def is_kept_apart(material: bpy.types.Material) -> bool:
@@ -52,20 +56,21 @@ def _beside() -> str:
     return str(kept / time.strftime("%Y-%m-%d %H.%M.%S"))
 
 
-def _folders_in_use(material: bpy.types.Material) -> set[Path]:
+def _folders_in_use(material: bpy.types.Material) -> set[str]:
     """The folders of all images, and those that other materials' results were written to.
 
     This material's own textures count: an undo must find them as they were.  Nothing is looked at
     on disk, as there may be thousands.
     """
-    images = {
-        Path(bpy.path.abspath(image.filepath, library=image.library)).parent
+    # By what is written first: most of a folder are written alike.
+    folders = {
+        (_FILE_NAME.sub("", image.filepath), image.library)
         for image in bpy.data.images
         if image.filepath
     }
-    results = {
-        Path(bpy.path.abspath(other.tvbrdf.folder, library=other.library))
+    folders |= {
+        (f"{folder.rstrip('/')}/", other.library)
         for other in bpy.data.materials
-        if other != material and other.tvbrdf.folder
+        if other != material and (folder := other.tvbrdf.folder)
     }
-    return images | results
+    return {bpy.path.abspath(path, library=library) for path, library in folders}

@@ -33,7 +33,7 @@ def _trimmed(name: str) -> str:
     return re.sub(r"^\s+|[\s.]+$", "", name)
 
 
-def free_folder(parent: Path, name: str, taken: Iterable[Path]) -> Path:
+def free_folder(parent: Path, name: str, taken: Iterable[str | Path]) -> Path:
     """The first of `name`, `name.001`, ... in `parent` that may be written to.
 
     A folder may not where a material shows files of it (`taken`), nor where it holds something
@@ -42,13 +42,14 @@ def free_folder(parent: Path, name: str, taken: Iterable[Path]) -> Path:
     Raises:
         SettingsError: `parent` cannot be looked into.
     """
-    refused = {_key(folder) for folder in taken}
+    parents: dict[str, str] = {}
+    refused = {_key(str(folder), parents) for folder in taken}
     safe = file_safe(name)
     number = 0
     while True:
         folder = parent / (f"{safe}.{number:03d}" if number else safe)
         try:
-            if _key(folder) not in refused and is_free(folder):
+            if _key(str(folder), parents) not in refused and is_free(folder):
                 return folder
         except (OSError, ValueError) as error:
             raise _unusable(folder, error) from error
@@ -100,6 +101,14 @@ def _unusable(folder: Path, error: OSError | ValueError) -> SettingsError:
     )
 
 
-def _key(folder: Path) -> str:
+def _key(folder: str, parents: dict[str, str]) -> str:
+    """What is the same for folders that are one, however they are reached; `parents` are those that
+    were found already, as thousands of folders may lie in a few.
+    """
+    parent, name = os.path.split(os.path.normpath(folder))
+    if parent not in parents:
+        parents[parent] = os.path.realpath(parent)
+    path = f"{parents[parent]}{os.sep}{name}"
+    real = os.path.realpath(path) if name == ".." or os.path.islink(path) else path  # noqa: PTH114
     # Steel and steel are one folder on most artists' machines.
-    return os.path.realpath(folder).casefold()
+    return real.casefold()

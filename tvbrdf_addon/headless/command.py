@@ -18,6 +18,7 @@ from .. import session
 from ..interrupt import Interrupts
 from ..known import scene_of
 from ..log import said_of, tell
+from ..material.reading.passing import one_stage
 from .choice import Task, choose
 from .jobs import Job, jobs_of
 from .parser import NAME, UsageError, parser
@@ -58,10 +59,11 @@ def _run(arguments: argparse.Namespace, jobs: Sequence[Job], interrupts: Interru
         tell(f"{name}: Left out: {reason}")
     failures = [*choice.refused]
     progress.materials = len(choice.tasks)
-    for task in choice.tasks:
-        if not _age(task, progress, interrupts):
-            failures.append(task.material.name)
-        progress.ended += 1
+    with one_stage():
+        for task in choice.tasks:
+            if not _age(task, progress, interrupts):
+                failures.append(task.material.name)
+            progress.ended += 1
     if failures:
         unsaved = f" {arguments.save_as} was not written." if arguments.save_as else ""
         return _failed(f"Not aged: {', '.join(failures)}.{unsaved}")

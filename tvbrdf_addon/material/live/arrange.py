@@ -23,25 +23,35 @@ def arrange(tree: bpy.types.NodeTree) -> None:
 
     Those that were added first lie on top.
     """
-    frames = [node for node in tree.nodes if node.type == "FRAME"]
+    nodes = list(tree.nodes)
+    frames = [node for node in nodes if node.type == "FRAME"]
     links = [(link.from_node, link.to_node) for link in tree.links]
+    places: dict[bpy.types.Node, tuple[float, float]] = {}
     left = 0.0
     for column in _columns(frames, [(a.parent, b.parent) for a, b in links]):
         top = right = 0.0
         for frame in column:
-            inside = [node for node in tree.nodes if node.parent == frame]
-            width, height = _lay_out(_columns(inside, links), left, top)
+            inside = [node for node in nodes if node.parent == frame]
+            width, height = _lay_out(_columns(inside, links), left, top, places)
             right, top = max(right, width), top - height - _BETWEEN
         left += right + _BETWEEN
+    # At once: after each of them Blender would ask what that changes in the file.
+    locations = [at for node in nodes for at in places.get(node, node.location)]
+    tree.nodes.foreach_set("location", locations)
 
 
-def _lay_out(columns: list[list[bpy.types.Node]], left: float, top: float) -> tuple[float, float]:
-    """Lays out a frame's nodes; the width and height taken."""
+def _lay_out(
+    columns: list[list[bpy.types.Node]],
+    left: float,
+    top: float,
+    places: dict[bpy.types.Node, tuple[float, float]],
+) -> tuple[float, float]:
+    """Says in `places` where a frame's nodes lie; the width and height taken."""
     width = height = 0.0
     for column in columns:
         y = 0.0
         for node in sorted(column, key=lambda each: each.type != "GROUP_INPUT"):
-            node.location = (left + width, top - y)
+            places[node] = (left + width, top - y)
             y += _height(node)
         width += max(_WIDTHS.get(node.type, _WIDTH) for node in column) + _GAP
         height = max(height, y)

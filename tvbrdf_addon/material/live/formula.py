@@ -180,7 +180,7 @@ class Canvas:
     def stage(self, label: str) -> Iterator[None]:
         """Puts what is added meanwhile into a frame with that label."""
         self._frame = self._tree.nodes.new("NodeFrame")
-        self._frame.name = self._frame.label = label
+        self._frame.label = label  # a name would make Blender look through all animations
         self._frame.label_size = 24
         self._entrance = None
         yield

@@ -11,8 +11,9 @@ import numpy as np
 
 from ...known import known
 from .density import pixels_across
-from .evaluated import in_view, passing, stage
+from .evaluated import in_view
 from .onset import showing
+from .passing import passing, stage
 from .space import Space, image_size
 from .spread import in_world, uv_mapping
 from .unwrap import active_uv_map, triangles

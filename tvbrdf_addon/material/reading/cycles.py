@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ...errors import MaterialError
+from .passing import discard
 from .pixels import Array, image_pixels
 from .tiles import Tile
 
@@ -121,7 +122,7 @@ def _image(size: tuple[int, int]) -> Iterator[bpy.types.Image]:
     try:
         yield image
     finally:
-        bpy.data.images.remove(image)
+        discard(image)
 
 
 def _bake(

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...known import known
+from .passing import discard, passing, stage
 
 __all__ = (
     "Evaluated",
@@ -23,8 +24,6 @@ __all__ = (
     "evaluated",
     "in_view",
     "mesh_of",
-    "passing",
-    "stage",
     "stand_in",
 )
 
@@ -73,20 +72,6 @@ def evaluated(obj: bpy.types.Object, frame: int) -> Iterator[Evaluated]:
 
 
 @contextmanager
-def passing() -> Iterator[list[bpy.types.ID]]:
-    """What is made for a look, and noted in this list, leaves the file at its end.
-
-    All at once: each time Blender looks through everything that there is in the file.
-    """
-    made: list[bpy.types.ID] = []
-    try:
-        yield made
-    finally:
-        # Nor are scenes removed one by one, of which Blender (4.3) crashes without a window.
-        bpy.data.batch_remove(made)
-
-
-@contextmanager
 def in_view(
     obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph
 ) -> Iterator[tuple[bpy.types.Mesh, list[bpy.types.Material | None]]]:
@@ -112,19 +97,6 @@ def alike(objects: Iterable[bpy.types.Object]) -> list[list[bpy.types.Object]]:
         slots = (slot.material for slot in obj.material_slots)
         groups.setdefault((obj.data, obj.mode, *slots, *own), []).append(obj)
     return list(groups.values())
-
-
-def stage(
-    name: str, objects: Iterable[bpy.types.Object], made: list[bpy.types.ID]
-) -> bpy.types.Scene:
-    """A scene with these objects only, whose time can be changed without touching the artist's; one
-    of what is `made` in passing.
-    """
-    scene = bpy.data.scenes.new(name)
-    made.append(scene)
-    for obj in objects:
-        scene.collection.objects.link(obj)
-    return scene
 
 
 def stand_in(
@@ -209,4 +181,4 @@ def _rest(obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -
         undeformed.vertices.foreach_get("co", places)
         return places.reshape(-1, 3)
     finally:
-        bpy.data.meshes.remove(undeformed)
+        discard(undeformed)

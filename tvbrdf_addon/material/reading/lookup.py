@@ -22,6 +22,7 @@ from .check import why_not
 from .doubts import lacking, lost, surprising, unwrapped_badly
 from .evaluated import Evaluated, distinct, evaluated
 from .onset import showing
+from .passing import discard
 from .space import Sampling, Space, image_size, looked_up_by
 from .spread import texture_side
 from .subject import Subject
@@ -140,10 +141,10 @@ def _original(material: bpy.types.Material) -> Iterator[bpy.types.Material]:
         data = copy.node_tree.animation_data if copy.node_tree else None
         action = data.action if data else None
         owned = [node.node_tree for node in owned_groups(copy.node_tree)] if copy.node_tree else []
-        bpy.data.materials.remove(copy)
+        discard(copy)
         remove_unused(owned)
         if action and user_count(action) == 0:
-            bpy.data.actions.remove(action)
+            discard(action)
 
 
 def _as_seen(subject: Subject, frames: tuple[int, int]) -> TextureSize:

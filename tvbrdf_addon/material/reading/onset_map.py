@@ -18,6 +18,7 @@ from .doubts import baked_badly
 from .evaluated import Evaluated, distinct, evaluated
 from .lookup import Reading
 from .onset import bearers, is_painted, showing, why_no_onset
+from .passing import discard
 from .pixels import Array, in_file, luminance, set_as_data, write_exr
 from .space import image_size
 from .tiles import Tiles
@@ -110,7 +111,7 @@ def _shades(image: bpy.types.Image, tiles: Tiles) -> Array:
             target = Target(material, tiles=tiles)
             maps, _ = bake_sockets(material, ["Metallic"], target, size=image_size(image), frame=1)
         finally:
-            bpy.data.images.remove(node.image)
+            discard(node.image)
     return maps["Metallic"]
 
 
@@ -239,4 +240,4 @@ def _emitter(kind: str) -> Iterator[tuple[bpy.types.Material, bpy.types.Node]]:
         tree.links.new(one.outputs[0], place.input("Roughness"))
         yield material, color
     finally:
-        bpy.data.materials.remove(material)
+        discard(material)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MaterialError
+from .passing import discard
 
 __all__ = (
     "image_pixels",
@@ -95,7 +96,7 @@ def in_file(image: bpy.types.Image) -> Array:
             set_as_data(copy)
             return np.ascontiguousarray(image_pixels(copy)[..., :3])
         finally:
-            bpy.data.images.remove(copy)
+            discard(copy)
     color = np.ascontiguousarray(image_pixels(image)[..., :3])
     decoded = managed and image.colorspace_settings.name == "sRGB"
     return _linear_to_srgb(color) if decoded else color
@@ -142,7 +143,7 @@ def write_exr(path: Path, pixels: Array) -> None:
             "Choose a folder that can be written to, with room left on its disk.",
         ) from error
     finally:
-        bpy.data.images.remove(image)
+        discard(image)
 
 
 def read_exr_texel(path: Path) -> tuple[float, float, float]:
@@ -169,4 +170,4 @@ def read_data(path: Path) -> Array:
         image.alpha_mode = "CHANNEL_PACKED"
         return image_pixels(image)
     finally:
-        bpy.data.images.remove(image)
+        discard(image)

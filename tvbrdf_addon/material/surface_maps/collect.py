@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from ...known import known
 from ..nodes.animation import channels
 from ..nodes.uv_maps import owned_uv_map
-from ..reading.evaluated import alike, passing, stage, stand_in
+from ..reading.evaluated import alike, stand_in
 from ..reading.onset import is_shown
+from ..reading.passing import passing, stage
 from .painted import Mask
 from .parts import Part, Shown, read_mesh
 

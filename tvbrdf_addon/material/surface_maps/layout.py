@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..nodes.uv_maps import owned_uv_map
+from ..reading.passing import discard
 from ..reading.tiles import Tiles
 from ..reading.unwrap import active_uv_map
 from .charts import Faces, laid_out
@@ -228,7 +229,7 @@ class _Base:
                 uv = np.nan_to_num(uv.reshape(-1, 2))
             corners = len(copy.loops)
         finally:
-            bpy.data.meshes.remove(copy)
+            discard(copy)
         marked = np.array([slot.material == material for slot in part.obj.material_slots] or [True])
         shows = marked[slots.clip(0, len(marked) - 1)]
         if not shows.any():  # nodes say what does

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..reading.cycles import baking_scene
+from ..reading.passing import discard
 from .collect import Around
 from .parts import Part
 
@@ -79,7 +80,7 @@ def _mesh(vertices: Array, corners: NDArray[np.integer]) -> Iterator[bpy.types.M
         mesh.update(calc_edges=True)
         yield mesh
     finally:
-        bpy.data.meshes.remove(mesh)
+        discard(mesh)
 
 
 @contextmanager
