@@ -2,7 +2,8 @@
 
     python tutorial.py FOLDER
 
-Prints what the newcomer's clicks and seconds came to (`tests/blender/windowed_tutorial.py`).
+Prints what the newcomer's clicks and seconds came to (`tests/blender/windowed_tutorial.py`), and
+that viewports show the right age when they are first looked into (`windowed_first_visit.py`).
 """
 
 from __future__ import annotations
@@ -80,6 +81,9 @@ def main() -> None:
         for name, box in PARTS.items():
             save(part(screens / f"{name}.png", box), folder / f"{name}.jpg")
         save(ages(screens), folder / "ages.jpg")
+        first_visit = HERE / "windowed_first_visit.py"
+        said = run_in_window(first_visit, screens, screen="900x700", worker=True)
+        print("\n".join(line for line in said.splitlines() if "right at" in line))
 
 
 if __name__ == "__main__":
