@@ -18,6 +18,8 @@ WHEELS ?= build/wheels
 # Blender versions that `make test-blenders` tries besides the one in requirements-blender.txt.
 BLENDERS ?= 4.2.23 5.0.1
 PYTEST_ARGS ?=
+# A Python with all of requirements.txt whose torch uses a GPU; that of .venv does not.
+GPU_PYTHON ?=
 # What `age` promises, tried without torch too.
 AGING = $(patsubst %,tests/test_%.py,age age_models cli coverage grain_files grained_runs \
     look model_files output serve surface_age timing_apart wear)
@@ -30,7 +32,7 @@ READY = .venv/ready .venv-blender/ready build/wheels/$(HERE)/ready \
     build/wheels/small/$(HERE)/ready
 
 .DELETE_ON_ERROR:
-.PHONY: help demo objects examples tutorial panels thumbnails extension extensions small repository wheels test test-blenders types format clean
+.PHONY: help gpu-check demo objects examples tutorial panels thumbnails extension extensions small repository wheels test test-blenders types format clean
 
 help:
 	@echo "make demo           age a painted steel can in Blender, into out/demo"
@@ -45,6 +47,7 @@ help:
 	@echo "make repository     a folder to put on a web server, that Blender installs and updates from"
 	@echo "make test           lint, types and every test, in real Blender too"
 	@echo "make test-blenders  install, age, render, revert, uninstall in Blender $(BLENDERS)"
+	@echo "make gpu-check      tests, aging and training on a GPU beside the CPU, into out/gpu-check.md"
 	@echo "make format         put the code in order"
 	@echo "make types          check types with pyright"
 	@echo "make clean          remove what was built; environments and trainings stay"
@@ -104,6 +107,9 @@ test: $(READY)
 
 test-blenders: $(READY) $(foreach version,$(BLENDERS),.venv-blender-$(version)/ready)
 	TVBRDF_BLENDERS="$(BLENDERS)" .venv/bin/python -m pytest -m blenders $(PYTEST_ARGS)
+
+gpu-check: $(if $(GPU_PYTHON),,.venv/ready)
+	@"$(or $(GPU_PYTHON),.venv/bin/python)" -m tests.benchmarks.gpu_check
 
 types: .venv/ready
 	.venv/bin/python -m pyright

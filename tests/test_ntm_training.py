@@ -43,8 +43,8 @@ TINY = NTMConfig(iterations=12, batch=32, warm_up=3)
 
 
 def train(sequence: Path, output: Path, **options) -> Path:
-    options = {"config": TINY, "card": CARD, "encoder": ENCODER} | options
-    return train_ntm(sequences=(sequence,), output=output, **options)
+    options = {"sequences": (sequence,), "config": TINY, "card": CARD, "encoder": ENCODER} | options
+    return train_ntm(output=output, **options)
 
 
 def spoil(checkpoint: Path) -> None:
@@ -102,6 +102,30 @@ def test_killed_and_resumed_it_ends_as_it_would_have(rusting, tmp_path):
     train(rusting, output, seed=2, resume=True)
     assert equal(whole, output)
     assert not list(tmp_path.glob("*checkpoint*"))
+
+
+def test_histories_are_learned_from_all_of_several_sequences(rusting, tmp_path):
+    """Of whatever sizes and numbers of frames; the first says how many ages there are."""
+    weathering.write("rust", tmp_path / "second", size=16, frames=4, seed=1)
+    config = replace(TINY, texels=301)
+    folders = (rusting, tmp_path / "second")
+    path = train(rusting, tmp_path / "moss.safetensors", sequences=folders, config=config)
+    card = read_card(path)
+    assert card.trained["texels"] == 300
+    assert card.frames == 6
+    assert f"{rusting} {tmp_path / 'second'} " in card.trained["command"]
+    assert "--texels 301" in card.trained["command"]
+    assert "only 4 frames" in " ".join(card.details["warnings"])
+
+
+def test_a_mixture_is_learned_from_alone(rusting, tmp_path):
+    mixture = tmp_path / "mixture"
+    mixture.mkdir()
+    (mixture / "mixture.json").write_text('{"materials": ["steel", "alum-bronze"]}')
+    for k in (1, 2):
+        write_exr(mixture / f"w_000{k}.exr", np.zeros((2, 2), np.float32))
+    with pytest.raises(InputError, match="from alone"):
+        train(rusting, tmp_path / "moss.safetensors", sequences=(rusting, mixture))
 
 
 def test_a_damaged_checkpoint_is_a_sentence(rusting, tmp_path):

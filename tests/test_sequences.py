@@ -14,6 +14,7 @@ from model_runtime.errors import InputError
 from model_runtime.images import write_exr
 from model_runtime.representation import load_representation
 from model_runtime.temporal.pace import Timing
+from training.data.folder import Sample
 from training.data.location import data_folder as find_data
 from training.data.sequences import MixtureSequence, Sequence, read_sequence
 from training.source.histories import source_histories
@@ -67,6 +68,21 @@ def test_timing_where_it_is_given(tmp_path):
         (tmp_path / "sequence.json").write_text(f'{{"times": [0, 0.5, 1], "timing": {broken}}}')
         with pytest.raises(InputError, match="describes no timing"):
             read_sequence(tmp_path)
+
+
+def test_a_sample_keeps_the_same_texels_of_every_map(tmp_path):
+    write_frames(tmp_path)
+    whole = read_maps(tmp_path)
+    some, same, others = (read_maps(tmp_path, sample=Sample(9, seed)) for seed in (1, 1, 2))
+    assert some.alpha.shape == (3, 9, 1)
+    places = [np.argwhere((whole.kd[0] == texel).all(-1))[0] for texel in some.kd[0, :, 0]]
+    rows, columns = np.transpose(places)
+    for name in ("kd", "ks", "alpha"):
+        kept, every = (getattr(sequence, name) for sequence in (some, whole))
+        assert np.array_equal(kept[:, :, 0], every[:, rows, columns])
+    assert np.array_equal(some.kd, same.kd)
+    assert not np.array_equal(some.kd, others.kd)
+    assert read_maps(tmp_path, sample=Sample(99, 1)).alpha.shape == (3, 24, 1)
 
 
 def test_a_crop_keeps_rows_and_columns(tmp_path):
