@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.torch import load_file
 
@@ -32,6 +32,8 @@ def together(data_folder, tmp_path_factory) -> Path:
     """A folder in which two processes trained (see tests/trainings_together.py), after one had
     begun there, and then one alone.
     """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("together")
     weathering.write("rust", folder / "sequence", size=12, frames=4)
     for what in WHAT:
@@ -49,6 +51,7 @@ def together(data_folder, tmp_path_factory) -> Path:
     for what in WHAT:
         train(what, folder, "alone")
         train(what, folder, "many_first", resume=True)
+    torch.set_num_threads(threads)
     return folder
 
 
@@ -74,6 +77,7 @@ def test_minutes_end_all_processes_at_one_step(together: Path):
     assert not list(together.glob("*.checkpoint.*"))
 
 
+@settings(deadline=None)
 @given(st.integers(1, 40), st.integers(1, 9), st.data())
 def test_shares_are_a_batch_once(whole: int, size: int, data: st.DataObject):
     start = data.draw(st.integers(0, whole))

@@ -19,23 +19,18 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 from model_runtime.device import device_of
 from model_runtime.errors import UsageError
 from model_runtime.model_files.weights import read_card
-from model_runtime.representation import build
 from tests.aging import write_painted_steel
-from training.data.location import data_folder
-from training.data.nbrdf import HELD_OUT, load
-from training.distributed import World, joined
-from training.encoder import CONFIGS, train_encoder, training_loss
-from training.loop import Schedule, adam, optimize
+from tests.benchmarks.training_speed import speed
+from training.distributed import joined
+from training.encoder import CONFIGS, train_encoder
 
 TITLE = "What a GPU gains, and whether it computes what the CPU does."
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,7 +62,7 @@ def main() -> int:
     rows: list[Row] = [("tests that need a GPU", "", tests)]
     with tempfile.TemporaryDirectory() as folder:
         for size in asked.sizes:
-            rows.append(aged(Path(folder), size, asked.device))
+            rows += aged(Path(folder), size, asked.device)
         rows += [speeds(asked.device, batch, asked.seconds * SPEED) for batch in BATCHES]
         rows.append(trained(Path(folder), asked.device, asked.seconds))
     name = torch.cuda.get_device_name(device) if gpu else "CPU"
@@ -100,16 +95,20 @@ def run_tests() -> tuple[bool, str]:
     return done.returncode == 0, ", ".join(counts) or "did not start"
 
 
-def aged(folder: Path, size: int, device: str) -> Row:
-    """How long a run of `age` takes on a material of `size` x `size` texels, by its own account."""
+def aged(folder: Path, size: int, device: str) -> tuple[Row, Row]:
+    """How long a run of `age` takes on a material of `size` x `size` texels, by its own account,
+    and its modeling, the part of it that a GPU does.
+    """
     source = write_painted_steel(folder / f"steel_{size}", size)
-    seconds = [_age(source, folder / f"{on}_{size}", on) for on in ("cpu", device)]
-    return (f"age {size:,} x {size:,}, s", *seconds)
+    runs = [_age(source, folder / f"{size}_{k}", on) for k, on in enumerate(("cpu", device))]
+    whole, modeling = zip(*runs, strict=True)
+    return (f"age {size:,} x {size:,}, s", *whole), ("of these modeling, s", *modeling)
 
 
-def _age(source: Path, output: Path, device: str) -> str:
+def _age(source: Path, output: Path, device: str) -> tuple[str, str]:
     command = [sys.executable, "-m", "model_runtime", "age", "--input", str(source)]
     command += ["--output", str(output), "--ntm", "char", "--temporal-model", "lstm_latents"]
+    command += ["--cache-gb", "0"]
     try:
         done = subprocess.run(
             [*command, "--device", device],
@@ -120,12 +119,13 @@ def _age(source: Path, output: Path, device: str) -> str:
             timeout=AGE_SECONDS,
         )
     except subprocess.TimeoutExpired:
-        return f"over {AGE_SECONDS}"
+        return f"over {AGE_SECONDS}", ""
     if done.returncode != 0:
         raise SystemExit(done.stderr)
     report = json.loads((output / "aged.json").read_text(encoding="utf-8"))
     assert report["device"].startswith(device.partition(":")[0]), report["device"]
-    return f"{report['seconds']:.1f}"
+    seconds = report["seconds"]
+    return f"{sum(seconds.values()):.2f}", f"{seconds['model']:.2f}"
 
 
 def speeds(device: str, batch: int, seconds: float) -> Row:
@@ -133,39 +133,8 @@ def speeds(device: str, batch: int, seconds: float) -> Row:
     found = []
     for on in ("cpu", device):
         with joined(on) as world:
-            found.append(f"{steps_a_second(world, batch, seconds):.1f}")
+            found.append(f"{speed(world, batch, seconds).steps:.1f}")
     return (f"encoder, {batch:,} materials a step, steps/s", *found)
-
-
-def steps_a_second(world: World, batch: int, seconds: float) -> float:
-    """Counted for so many `seconds` on the wall, after the first step."""
-    measured = load(data_folder(), "merl").without(HELD_OUT)
-    model = build(RECIPE.representation).to(world.device)
-    g, mine = torch.Generator().manual_seed(0), world.share(batch)
-    counted = 0
-    started = 0.0
-
-    def loss(step: int) -> Tensor:
-        return training_loss(model, RECIPE, measured, g, mine)
-
-    def steps() -> Iterator[int]:
-        nonlocal counted, started
-        yield 0
-        _wait(world)
-        started = time.monotonic()
-        while time.monotonic() < started + seconds or not counted:
-            counted += 1
-            yield counted
-            _wait(world)
-
-    optimize(loss, adam(model.parameters()), Schedule(1e-3), steps(), 10**6, clip=1.0)
-    return counted / (time.monotonic() - started)
-
-
-def _wait(world: World) -> None:
-    """Until the device has done what it was told."""
-    if world.device.type == "cuda":
-        torch.cuda.synchronize(world.device)
 
 
 def trained(folder: Path, device: str, seconds: float) -> Row:
