@@ -225,7 +225,7 @@ def test_a_changed_method_is_rendered_again(sphere: Sphere, data_folder: Path, t
 
 def test_trained_rivals_are_read_from_their_files(data_folder: Path, tmp_path: Path):
     card = {"trained": {"minutes": 60.0, "iterations": 7}}
-    rivals = ("paper", "brdfnps")
+    rivals = ("paper", "brdfnps", "deepbrdf", "hyperbrdf")
     for name in rivals:
         model = build_encoder(name)
         save_model(

@@ -8,12 +8,14 @@ import pytest
 import torch
 
 from model_runtime.brdf.half_angle import above_horizon, from_directions
+from model_runtime.model_files.weights import read_card
 from tests.trainings import equal, kill_at, small
 from training.baselines.deepbrdf import DeepBRDF, around
 from training.baselines.encoders import Encoder, build_encoder, load_encoder
 from training.baselines.hyperbrdf import HyperBRDF
 from training.data.analytic import random_torrance_sparrow
 from training.encoder import CONFIGS, train_encoder
+from training.evaluation.bench.encoders import RECIPES, WEIGHTS
 from training.evaluation.representation.damages import read_what_is_there
 from training.evaluation.representation.probes import Group, reflecting
 from training.evaluation.representation.properties import everywhere
@@ -106,3 +108,13 @@ def test_killed_and_resumed_they_end_as_they_would_have(data_folder, tmp_path, m
     train_encoder(config=name, output=parts, seed=3, resume=True)
     assert equal(whole, parts)
     assert load_encoder(whole).name == name
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_what_is_bundled_says_how_it_was_trained(name: str):
+    path = WEIGHTS / f"{name}.safetensors"
+    trained = read_card(path).trained
+    assert load_encoder(path).name == name
+    assert f"--config {RECIPES[name]} " in f"{trained['command']} "
+    assert {"seed", "minutes", "data", "iterations", "held_out"} <= set(trained)
+    assert path.stat().st_size < 5e6

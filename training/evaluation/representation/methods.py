@@ -316,6 +316,8 @@ METHODS: Mapping[str, Mapping[str, Any]] = {
     "paper": _SLOW,
     "paper_long": _SLOW,
     "brdfnps": _SLOW,
+    "deepbrdf": {},
+    "hyperbrdf": {"together": 8, "texel_samples": _TEXEL_SAMPLES},
     "nbrdf": {},
     "one_lobe": {"lobes": 1},
     "two_lobes": {"lobes": 2},
