@@ -13,7 +13,6 @@ import numpy as np
 
 from .account import account_of
 from .backend import Tensor, torch, version
-from .brdf.fit import USUAL
 from .brdf.measured import MeasuredBRDF
 from .brdf.refinement import DOUBTFUL
 from .contract import AFFINE, AUTO, LIVE, LSTM_LATENTS, PRINCIPLED, AgeRequest, Format
@@ -183,8 +182,7 @@ def _each_for_itself(
     start: Start, change: Change, effort: Effort
 ) -> Callable[[Tensor], AgedTexels]:
     """What models some texels without a palette, as if all began to age at once."""
-    fit = (effort.fit or USUAL) if effort.checked else effort.fit
-    own = replace(effort, step=0.0, checked=False, fit=fit)
+    own = replace(effort, step=0.0, checked=False, fit=effort.fit or effort.checked)
     at_once = start.texels.onset is None
     return lambda some: model_texels(
         some, change, own, onset=None if at_once else torch.zeros(len(some))

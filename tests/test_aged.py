@@ -10,8 +10,6 @@ import pytest
 import torch
 
 from model_runtime.age import AgeRequest, age
-from model_runtime.brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
-from model_runtime.brdf.torrance_sparrow import evaluate
 from model_runtime.model_files.weights import find_model
 from model_runtime.modelling.aged import EFFORTS, Change, Effort, model_texels
 from model_runtime.modelling.palette import appearance_psnr
@@ -77,21 +75,6 @@ def test_only_what_is_checked_says_what_it_misses(rust):
     assert len(said) == 1 and "99 dB" in said[0]
 
 
-@pytest.mark.parametrize(
-    ("effort", "most"),
-    [
-        (FitEffort(candidates=10), 1e-3),
-        (FitEffort(precision=torch.float32), 1e-3),
-        (FitEffort(refinements=0), 0.4),
-    ],
-)
-def test_a_cheaper_fit_is_still_a_fit(effort: FitEffort, most: float):
-    """Of a Torrance-Sparrow material, whose alpha is known; 40 alphas are 27 % apart."""
-    kd, ks, alpha = texels(20).split((3, 3, 1), 1)
-    fit = fit_torrance_sparrow(evaluate(kd, ks, alpha[:, 0], fit_angles()), effort=effort)
-    assert float((fit.alpha / alpha[:, 0] - 1).abs().max()) < most
-
-
 class TestEstimator:
     """In place of the fit, where latents are rolled out."""
 
@@ -102,7 +85,7 @@ class TestEstimator:
 
     def test_without_a_fit_it_is_asked_and_near_to_it(self, rust, estimator):
         draft = EFFORTS["draft"]
-        fitted = self.modeled(rust, estimator, replace(draft, fit=USUAL))
+        fitted = self.modeled(rust, estimator, replace(draft, fit=True))
         told = self.modeled(rust, estimator, draft)
         assert not torch.equal(fitted.histories.states, told.histories.states)
         assert appearance_psnr(fitted.at(0.7), told.at(0.7)) > 35
@@ -112,7 +95,7 @@ class TestEstimator:
 
     def test_where_it_misses_the_tolerance_there_is_a_fit(self, rust, estimator):
         balanced = EFFORTS["balanced"]
-        fitted = self.modeled(rust, estimator, replace(balanced, fit=USUAL), tolerance=20)
+        fitted = self.modeled(rust, estimator, replace(balanced, fit=True), tolerance=20)
         for tolerance, equal in ((20, False), (90, True)):
             told = self.modeled(rust, estimator, balanced, tolerance=tolerance)
             same = torch.equal(fitted.histories.states[:, -1], told.histories.states[:, -1])

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from model_runtime.brdf.fit import USUAL
 from model_runtime.device import CPU
 from model_runtime.errors import UsageError
 from model_runtime.model_files.weights import find_model
@@ -39,9 +38,11 @@ def models() -> Models:
 def test_all_that_a_device_is_asked_for_stays_on_it(models: Models, fitted: bool):
     """What fails in the end is to bring back the values, which "meta" does not have."""
     ntm, representation = models
-    fit = USUAL if fitted else ParameterEstimator()
+    estimator = None if fitted else ParameterEstimator()
     with torch.inference_mode(), pytest.raises(NotImplementedError, match="meta tensor; no data"):
-        rollout.roll_out(STATES, ntm, "lstm_latents", representation, fit=fit, device=META)
+        rollout.roll_out(
+            STATES, ntm, "lstm_latents", representation, estimator=estimator, device=META
+        )
 
 
 @pytest.mark.parametrize("rung", ["affine", "lstm_parameters"])

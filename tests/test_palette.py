@@ -57,11 +57,12 @@ class TestPalette:
         assert len(palette.entries) <= 5
         torch.testing.assert_close(palette.entries[palette.index], states, rtol=1e-6, atol=1e-6)
 
-    def test_step_0_keeps_each_texel_to_itself(self):
-        states = texels(5).repeat(2, 1)
-        palette = build_palette(states, 0, most=0)
-        assert torch.equal(palette.entries, states)
-        assert palette.index.tolist() == list(range(10))
+    def test_step_0_shares_an_entry_only_between_texels_that_are_equal_to_the_last_bit(self):
+        states = texels(5)
+        nearly = torch.nextafter(states[:1], torch.ones(()))
+        palette = build_palette(torch.cat((states, nearly, states.flip(0))), 0, most=0)
+        assert torch.equal(palette.entries, torch.cat((states, nearly)))
+        assert palette.index.tolist() == [0, 1, 2, 3, 4, 5, 4, 3, 2, 1, 0]
 
     def test_the_same_texels_in_another_order_have_the_same_palette(self):
         states, order = texels(1000), torch.randperm(1000)

@@ -10,24 +10,22 @@ from ..channels import ALPHA_MIN, optics
 from ..contract import Specular
 from ..states import joined
 from .half_angle import above_horizon, cosines
-from .torrance_sparrow import evaluate, specular_lobe
+from .torrance_sparrow import evaluate, unbounded_lobe
 
-__all__ = ("USUAL", "Fit", "FitEffort", "fit_angles", "fit_torrance_sparrow", "relative_error")
+__all__ = (
+    "Fit",
+    "Fitter",
+    "at_a_time",
+    "fit_angles",
+    "fit_torrance_sparrow",
+    "relative_error",
+)
 
-
-_CHUNK = 4096
-
-
-@dataclass(frozen=True)
-class FitEffort:
-    """How many alphas are tried, how often the best is refined, and in which precision."""
-
-    candidates: int = 40
-    refinements: int = 5
-    precision: torch.dtype = torch.float64
-
-
-USUAL = FitEffort()
+_ALPHAS = 79
+_SPACING = -math.log(ALPHA_MIN) / (_ALPHAS - 1)  # of log alpha
+_BESIDE = 8  # alphas on each side of one with which polynomials are right to 9 digits
+_TERMS = 10  # of these polynomials that matter between two neighbors
+_ROUNDS, _PARTS = 3, 8  # how often, and into how many parts, what is left is divided
 
 
 @dataclass(frozen=True)
@@ -60,85 +58,14 @@ def fit_angles() -> Tensor:
     return grid[above_horizon(grid, margin=0.1)]
 
 
-@dataclass(frozen=True)
-class _Moments:
-    """Weighted sums over directions that the linear problem needs; f is [N, M, 3], weights
-    [N, M].
-    """
-
-    weights: Tensor
-    weighted: Tensor
-    square: Tensor
-    diffuse: Tensor
-    diffuse_f: Tensor
-
-    @classmethod
-    def of(cls, f: Tensor, weights: Tensor) -> _Moments:
-        weighted = weights[..., None] * f
-        return cls(
-            weights,
-            weighted,
-            (weighted * f).sum(1),
-            weights.sum(1) / math.pi**2,
-            weighted.sum(1) / math.pi,
-        )
-
-
-def _solve(
-    moments: _Moments, cross: Tensor, lobe: Tensor, lobe_f: Tensor, specular: Specular
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Best Kd, Ks >= 0 for lobes whose sums are given, and the squared error that is left.
-
-    `cross`, `lobe` [N, K] are sums of w rho / pi and w rho^2, `lobe_f` [N, K, 3] of w rho f, for K
-    candidate alphas. Returns kd, ks [N, K, 3] and error [N, K].
-    """
-    a, b, c = moments.diffuse[:, None, None], cross[..., None], lobe[..., None]
-    p, q = moments.diffuse_f[:, None], lobe_f
-    excess = q - b * p / a
-    curvature = (c - b * b / a).clamp_min(1e-12 * c)
-    if specular == "mono":
-        ks = (excess.mean(-1, keepdim=True) / curvature).expand_as(q)
-    else:
-        ks = excess / curvature
-    ks = ks.clamp_min(0)
-    kd = ((p - b * ks) / a).clamp_min(0)
-    lone = q / c
-    lone = lone.mean(-1, keepdim=True).expand_as(q) if specular == "mono" else lone
-    ks = (
-        torch.where(kd > 0, ks, lone)
-        if specular == "rgb"
-        else torch.where((kd > 0).any(-1, keepdim=True), ks, lone)
-    )
-    error = (
-        moments.square[:, None]
-        - 2 * (kd * p + ks * q)
-        + kd * kd * a
-        + 2 * kd * ks * b
-        + ks * ks * c
-    )
-    return kd, ks, error.sum(-1)
-
-
 def fit_torrance_sparrow(
-    f: Tensor,
-    angles: Tensor | None = None,
-    *,
-    specular: Specular = "rgb",
-    effort: FitEffort = USUAL,
+    f: Tensor, angles: Tensor | None = None, *, specular: Specular = "rgb"
 ) -> Fit:
     """Fit N BRDFs given as `f` [N, M, 3] per steradian at `angles` [M, 3] (`fit_angles()`).
 
-    Least squares of the relative error. For a given alpha, Kd and Ks are linear and solved in
-    closed form with Kd, Ks >= 0; alpha is found on a logarithmic grid (of 40) and refined by
-    Gauss-Newton steps. Samples that are not finite are left out. With "mono", one Ks serves all
-    channels.
+    Samples that are not finite are left out. With "mono", one Ks serves all channels.
     """
-    angles = fit_angles() if angles is None else angles
-    parts = [
-        _fit_chunk(f[start : start + _CHUNK], angles, specular, effort)
-        for start in range(0, len(f), _CHUNK)
-    ]
-    return Fit(*(torch.cat(column) for column in zip(*parts, strict=True)))
+    return Fitter(angles, specular=specular).fit(f)
 
 
 def relative_error(f: Tensor, states: Tensor) -> Tensor:
@@ -146,89 +73,163 @@ def relative_error(f: Tensor, states: Tensor) -> Tensor:
     `fit_angles()`.
     """
     angles = fit_angles().double()
-    f, weights = _weighed(f.double(), angles)
-    missing = f - evaluate(*optics(states.double()), angles)
-    left, whole = ((weights[..., None] * x.square()).sum((1, 2)) for x in (missing, f))
+    f, weights = _weighed(f, angles)
+    missing = f - evaluate(*optics(states.double()), angles).transpose(1, 2)
+    left, whole = ((weights[:, None] * x.square()).sum((1, 2)) for x in (missing, f))
     return (left / whole.clamp_min(torch.finfo(whole.dtype).tiny)).sqrt().float()
 
 
 def _weighed(f: Tensor, angles: Tensor) -> tuple[Tensor, Tensor]:
-    """`f` [N, M, 3] with 0 for what is not finite, and how much each direction [N, M] counts."""
-    finite = torch.isfinite(f).all(-1)
-    f = torch.where(finite[..., None], f, torch.zeros_like(f)).clamp_min(0)
-    cos_i, cos_o, _, _ = cosines(angles)
-    brightness = f.mean(-1)
-    floor = 0.05 * brightness.median(1, keepdim=True).values + 1e-4
-    return f, finite * (cos_i * cos_o).clamp(0, 1) / (brightness + floor).square()
-
-
-def _fit_chunk(
-    f: Tensor, angles: Tensor, specular: Specular, effort: FitEffort
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    f, angles = f.to(effort.precision), angles.to(effort.precision)
-    f, weights = _weighed(f, angles)
-    moments = _Moments.of(f, weights)
-
-    grid = torch.linspace(math.log(ALPHA_MIN), 0, effort.candidates, dtype=f.dtype, device=f.device)
-    lobes = specular_lobe(grid.exp(), angles)
-    cross = weights @ lobes.T / math.pi
-    square = weights @ lobes.square().T
-    lobe_f = torch.einsum("nmc,km->nkc", moments.weighted, lobes)
-    _, _, error = _solve(moments, cross, square, lobe_f, specular)
-    log_alpha = grid[error.argmin(1)]
-
-    def solve(lobe: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Best kd, ks [N, 3] and error [N] for one lobe [N, M] a BRDF."""
-        kd, ks, error = _solve(
-            moments,
-            ((weights * lobe).sum(1) / math.pi)[:, None],
-            (weights * lobe.square()).sum(1)[:, None],
-            torch.einsum("nmc,nm->nc", moments.weighted, lobe)[:, None],
-            specular,
-        )
-        return kd[:, 0], ks[:, 0], error[:, 0]
-
-    lobe = specular_lobe(log_alpha.exp(), angles)
-    kd, ks, best = solve(lobe)
-    reach = torch.full_like(best, -math.log(ALPHA_MIN) / (effort.candidates - 1))
-    for _ in range(effort.refinements):
-        step = _gauss_newton_step(f, weights, kd, ks, lobe, log_alpha, angles)
-        trial_alpha = (log_alpha + step.clamp(-reach, reach)).clamp(math.log(ALPHA_MIN), 0)
-        trial_lobe = specular_lobe(trial_alpha.exp(), angles)
-        trial_kd, trial_ks, trial = solve(trial_lobe)
-        better = trial < best
-        log_alpha = torch.where(better, trial_alpha, log_alpha)
-        lobe = torch.where(better[:, None], trial_lobe, lobe)
-        kd = torch.where(better[:, None], trial_kd, kd)
-        ks = torch.where(better[:, None], trial_ks, ks)
-        best = torch.where(better, trial, best)
-        reach = torch.where(better, reach, reach / 4)
-    tiny = torch.finfo(effort.precision).tiny
-    scale = moments.square.sum(-1).clamp_min(tiny)
-    relative = (best.clamp_min(0) / scale).sqrt()
-    return kd.float(), ks.float(), log_alpha.exp().float(), relative.float()
-
-
-def _gauss_newton_step(
-    f: Tensor,
-    weights: Tensor,
-    kd: Tensor,
-    ks: Tensor,
-    lobe: Tensor,
-    log_alpha: Tensor,
-    angles: Tensor,
-) -> Tensor:
-    """Change [N] of log alpha that lowers the error most, Kd and Ks following (variable
-    projection).
+    """`f` [N, M, 3] as [N, 3, M] with 0 for what is not finite, and how much each direction
+    [N, M] counts.
     """
-    nudge, tiny = 1e-4, torch.finfo(f.dtype).tiny
-    slope = (specular_lobe((log_alpha + nudge).exp(), angles) - lobe) / nudge
-    a = weights.sum(1)
-    mean_lobe = (weights * lobe).sum(1, keepdim=True) / a[:, None]
-    mean_slope = (weights * slope).sum(1, keepdim=True) / a[:, None]
-    centerd, moved = lobe - mean_lobe, slope - mean_slope
-    along = (weights * centerd * moved).sum(1) / (weights * centerd.square()).sum(1).clamp_min(tiny)
-    moved = moved - along[:, None] * centerd
-    missing = f - kd[:, None] / math.pi - ks[:, None] * lobe[..., None]
-    gain = torch.einsum("nm,nmc,nc->n", weights * moved, missing, ks)
-    return gain / ((weights * moved.square()).sum(1) * ks.square().sum(1)).clamp_min(tiny)
+    f = f.transpose(1, 2)
+    finite = torch.isfinite(f.sum(1))
+    f = torch.where(finite[:, None], f, torch.zeros_like(f)).clamp_min(0)
+    cos_i, cos_o, _, _ = cosines(angles)
+    brightness = f.mean(1)
+    floor = 0.05 * brightness.median(1, keepdim=True).values + 1e-4
+    weights = finite * (cos_i * cos_o).clamp(0, 1) / (brightness + floor).double().square()
+    return f.double(), weights
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over directions, with weights w, that do not depend on alpha.
+
+    products: [N, 4, M] w f and w / pi, which are summed with lobes
+    diffuse, diffuse_f, square: [N, 1, 1] of w / pi^2, [N, 3, 1] of w f / pi, [N] of w f^2
+    mono: whether one Ks serves all channels
+    """
+
+    products: Tensor
+    diffuse: Tensor
+    diffuse_f: Tensor
+    square: Tensor
+    mono: bool
+
+    @classmethod
+    def of(cls, f: Tensor, weights: Tensor, *, mono: bool) -> _Sums:
+        """Those of `f` [N, 3, M] and w [N, M]."""
+        products = torch.cat((f, torch.full_like(weights, 1 / math.pi)[:, None]), 1)
+        products *= weights[:, None]
+        square = (products[:, :3] * f).sum((1, 2))
+        total = products.sum(2, keepdim=True) / math.pi
+        return cls(products, total[:, 3:], total[:, :3], square, mono)
+
+    def with_lobes(self, lobes: Tensor) -> Tensor:
+        """[N, 5, K]: of w rho f, w rho / pi and w rho^2 for `lobes` rho [K, M]."""
+        once = (self.products.flatten(0, 1) @ lobes.T).unflatten(0, (-1, 4))
+        twice = self.products[:, 3] @ (lobes.square() * math.pi).T
+        return torch.cat((once, twice[:, None]), 1)
+
+    def solve(self, lobes: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Best Kd, Ks >= 0 [N, 3, K] and the squared error [N, K] that is left, with each of K
+        lobes whose sums [N, 5, K] are given.
+        """
+        a, p = self.diffuse, self.diffuse_f
+        q, b, c = lobes[:, :3], lobes[:, 3:4], lobes[:, 4:]
+        share, ks = b / a, torch.zeros_like(q)
+        # Newton's method for the Ks where the error's slope is 0; that bends where a Kd reaches 0.
+        for _ in range(4 if self.mono else 2):
+            free = share * ks < p / a
+            excess = q - free * (share * p)
+            curvature = (c - free * (share * b)).clamp_min(1e-12 * c)
+            if self.mono:
+                excess, curvature = (x.mean(1, keepdim=True) for x in (excess, curvature))
+            ks = (excess / curvature).clamp_min(0).expand_as(q)
+        missing = p - b * ks
+        kd = (missing / a).clamp_min(0)
+        error = kd * (kd * a - 2 * missing) + ks * (ks * c - 2 * q)
+        return kd, ks, error.sum(1) + self.square[:, None]
+
+
+class Fitter:
+    """Fits BRDFs given at `angles` [M, 3] (`fit_angles()` by default), however many there are.
+
+    Least squares of the relative error. For a given alpha, Kd and Ks are linear and solved in
+    closed form with Kd, Ks >= 0, from a few sums over directions. What is left is a function of
+    alpha alone. Its least value is looked for among 79 alphas, evenly spaced in their logarithm,
+    then between the neighbors of the best, where the sums are close to polynomials of log alpha.
+    """
+
+    def __init__(self, angles: Tensor | None = None, *, specular: Specular = "rgb") -> None:
+        self.angles = (fit_angles() if angles is None else angles).double()
+        self._mono = specular == "mono"
+        device = self.angles.device
+        places = torch.arange(-_BESIDE, _ALPHAS + _BESIDE).double().to(device)
+        self._lobes = unbounded_lobe((places * _SPACING).exp() * ALPHA_MIN, self.angles)
+        self._window = torch.arange(2 * _BESIDE + 1).to(device)
+        nodes = torch.linspace(-1, 1, 2 * _BESIDE + 1, dtype=torch.float64)
+        powers = nodes[:, None] ** torch.arange(len(nodes)).double()
+        to_powers = torch.linalg.solve(powers, torch.eye(len(nodes)).double())
+        self._to_coefficients = to_powers[:_TERMS].T.to(device)
+
+    def fit(self, f: Tensor) -> Fit:
+        """Of N BRDFs `f` [N, M, 3]."""
+        parts = [self._fit(part) for part in f.split(at_a_time(f.device))]
+        return Fit(*(torch.cat(column) for column in zip(*parts, strict=True)))
+
+    def _fit(self, f: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        sums = _Sums.of(*_weighed(f, self.angles), mono=self._mono)
+        lobes = sums.with_lobes(self._lobes)
+        _, _, error = sums.solve(lobes[:, :, _BESIDE:-_BESIDE])
+        place = error.argmin(1)
+        rows = torch.arange(len(f)).to(f.device)[:, None]
+        near = lobes[rows, :, place[:, None] + self._window].transpose(1, 2)
+        kd, ks, error, away = _refined(
+            sums,
+            near @ self._to_coefficients,
+            (place > 0).to(error.dtype) / -_BESIDE,
+            (place < _ALPHAS - 1).to(error.dtype) / _BESIDE,
+        )
+        alpha = ((place + _BESIDE * away) * _SPACING).exp() * ALPHA_MIN
+        whole = sums.square.clamp_min(torch.finfo(error.dtype).tiny)
+        relative = (error.clamp_min(0) / whole).sqrt()
+        return kd.float(), ks.float(), alpha.clamp(ALPHA_MIN, 1).float(), relative.float()
+
+
+def at_a_time(device: torch.device) -> int:
+    """How many BRDFs are worked on together: few on a CPU, where they stay in the cache."""
+    return 512 if device.type == "cpu" else 8192
+
+
+def _refined(
+    sums: _Sums, coefficients: Tensor, first: Tensor, last: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Kd, Ks [N, 3], squared error and place [N] of the least error, between the places `first` and
+    `last` [N], where the sums with lobes are polynomials of the place: `coefficients` [N, 5, J].
+    """
+    rows = torch.arange(len(coefficients)).to(coefficients.device)
+    parts = torch.linspace(0, 1, _PARTS + 1, dtype=torch.float64).to(coefficients.device)
+    for _ in range(_ROUNDS):
+        places = first[:, None] + (last - first)[:, None] * parts
+        lobes, change = _polynomials(coefficients, places)
+        kd, ks, error = sums.solve(lobes)
+        slope = _slope(kd, ks, change)
+        best = error.argmin(1)
+        left = (best - (slope[rows, best] > 0).long()).clamp(0, _PARTS - 1)
+        first, last = places[rows, left], places[rows, left + 1]
+    down, up = slope[rows, left], slope[rows, left + 1]
+    share = torch.where((down < 0) & (up > 0), down / (down - up), (best - left).to(down.dtype))
+    place = first + (last - first) * share
+    kd, ks, error = sums.solve(_polynomials(coefficients, place[:, None])[0])
+    return kd[..., 0], ks[..., 0], error[:, 0], place
+
+
+def _polynomials(coefficients: Tensor, places: Tensor) -> tuple[Tensor, Tensor]:
+    """Values and slopes [N, 5, K] at `places` [N, K] of polynomials, by Horner's scheme."""
+    places = places[:, None]
+    value = slope = torch.zeros_like(places)
+    for k in reversed(range(coefficients.shape[2])):
+        slope = slope * places + value
+        value = value * places + coefficients[:, :, k : k + 1]
+    return value, slope
+
+
+def _slope(kd: Tensor, ks: Tensor, change: Tensor) -> Tensor:
+    """Slope [N, K] of the squared error by alpha where the sums with lobes have slopes `change`
+    [N, 5, K]. Kd and Ks [N, 3, K] are best, or held at 0: the error has no slope by them.
+    """
+    q, b, c = change[:, :3], change[:, 3:4], change[:, 4:]
+    return (ks * (ks * c + 2 * (kd * b - q))).sum(1)

@@ -8,7 +8,7 @@ from ..backend import Tensor, torch
 from ..channels import ALPHA_MIN
 from .half_angle import cosines
 
-__all__ = ("evaluate", "ggx", "specular_lobe")
+__all__ = ("evaluate", "ggx", "specular_lobe", "unbounded_lobe")
 
 
 def specular_lobe(alpha: Tensor, angles: Tensor) -> Tensor:
@@ -19,8 +19,13 @@ def specular_lobe(alpha: Tensor, angles: Tensor) -> Tensor:
     that the value stays finite at the horizon. sin^2 theta_h is used for 1 - cos_h^2, which keeps
     mirrors (alpha = 1e-4) exact in single precision.
     """
+    return unbounded_lobe(alpha.clamp_min(ALPHA_MIN), angles)
+
+
+def unbounded_lobe(alpha: Tensor, angles: Tensor) -> Tensor:
+    """`specular_lobe` of any alpha > 0, even where nothing is that smooth."""
     cos_i, cos_o, _, _ = cosines(angles)
-    a2 = alpha.clamp_min(ALPHA_MIN).square()[:, None]
+    a2 = alpha.square()[:, None]
 
     def masking_over_cosine(cos: Tensor) -> Tensor:
         cos = cos.clamp(0, 1)

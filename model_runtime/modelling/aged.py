@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from ..backend import Tensor, torch
-from ..brdf.fit import USUAL, FitEffort
 from ..contract import BALANCED, CONSTANT, DRAFT, EXACT, LSTM_LATENTS, Quality, Specular
 from ..device import CPU
 from ..images import Compression
@@ -31,11 +30,11 @@ _CHECKED_AT = (0.03, 0.1, 0.3, 0.6, 1.0)  # of time: the first ages show in all 
 class Effort:
     """What a run spends; each field can be turned by itself.
 
-    step: width of a palette's cells (perceptual coordinates); 0 models every texel for itself
+    step: width of a palette's cells (perceptual coordinates); 0 models all that differ
     most: entries of a palette; its cells are widened until no more are left
     checked: whether texels modeled each for itself tell if the cells are fine enough
     samples: directions that the encoder is given; None takes its short cut from the parameters
-    fit: what is spent on the fit of what was decoded; None lets an estimator tell what it finds
+    fit: whether decoded BRDFs are fitted; else an estimator tells what the fit finds
     interval: every so many frames each texel is aged; those between are interpolated
     compression: what is spent on making files small
     """
@@ -44,7 +43,7 @@ class Effort:
     most: int = 2048
     checked: bool = True
     samples: int | None = None
-    fit: FitEffort | None = None
+    fit: bool = False
     interval: int = 1
     compression: Compression = "zip"
 
@@ -52,7 +51,7 @@ class Effort:
 EFFORTS: Mapping[Quality, Effort] = {
     DRAFT: Effort(step=0.12, most=256, checked=False, interval=3, compression="none"),
     BALANCED: Effort(),
-    EXACT: Effort(step=0.0, most=0, checked=False, samples=PAPER_SAMPLES, fit=USUAL),
+    EXACT: Effort(step=0.0, most=0, checked=False, samples=PAPER_SAMPLES, fit=True),
 }
 """What each quality (docs/design.md, command line) means."""
 
@@ -156,31 +155,28 @@ class _Rollouts:
     def __init__(self, change: Change, effort: Effort, step: Callable[[float], None]) -> None:
         self.change, self.effort, self._step = change, effort, step
         self._device = change.device
-        self.estimates = effort.fit is None and change.estimator is not None
+        self.estimates = not effort.fit and change.estimator is not None
 
     def fitted(self, entries: Tensor) -> Histories:
         """With a fit where latents are decoded."""
-        return self._with(entries, self.effort.fit or USUAL)
+        return self._with(entries, None)
 
     def quick(self, entries: Tensor) -> Histories:
         """With an estimate instead of the fit, where that is what the effort allows."""
-        estimator = self.change.estimator
-        if not self.estimates or estimator is None:
-            return self.fitted(entries)
-        return self._with(entries, estimator)
+        return self._with(entries, self.change.estimator if self.estimates else None)
 
-    def _with(self, entries: Tensor, fit: FitEffort | ParameterEstimator) -> Histories:
+    def _with(self, entries: Tensor, estimator: ParameterEstimator | None) -> Histories:
         try:
-            return self._on(self._device, entries, fit)
+            return self._on(self._device, entries, estimator)
         except RuntimeError as error:  # torch's, out of memory among them
             if self._device == CPU:
                 raise
             self.change.warn(f"The GPU failed ({str(error).splitlines()[0]}), so the CPU was used.")
             self._device = CPU
-            return self._on(CPU, entries, fit)
+            return self._on(CPU, entries, estimator)
 
     def _on(
-        self, device: torch.device, entries: Tensor, fit: FitEffort | ParameterEstimator
+        self, device: torch.device, entries: Tensor, estimator: ParameterEstimator | None
     ) -> Histories:
         change = self.change
         found = roll_out(
@@ -189,7 +185,7 @@ class _Rollouts:
             change.rung,
             change.representation,
             samples=self.effort.samples,
-            fit=fit,
+            estimator=estimator,
             specular=change.specular,
             measured=change.measured,
             device=device,

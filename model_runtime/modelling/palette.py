@@ -6,6 +6,8 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..backend import Tensor, torch
 from ..brdf.half_angle import above_horizon
 from ..brdf.torrance_sparrow import evaluate
@@ -43,10 +45,11 @@ def build_palette(states: Tensor, step: float, *, most: int) -> Palette:
     """Gather texels `states` [n, C] that fall into one cell of a perceptual grid.
 
     A cell is `step` wide in every perceptual coordinate; its entry is the mean of its texels. The
-    grid is coarsened until at most `most` entries are left. Step 0 keeps each texel to itself.
+    grid is coarsened until at most `most` entries are left. With step 0 only texels that are equal
+    to the last bit share an entry.
     """
     if step == 0:
-        return Palette(states.contiguous(), torch.arange(len(states)))
+        return _distinct(states)
     largest, bands = states.amax(0, keepdim=True), states.split(_BAND)
     while (found := _cells(bands, largest, step, most)) is None:
         step *= 1.25
@@ -56,6 +59,15 @@ def build_palette(states: Tensor, step: float, *, most: int) -> Palette:
     for band, rows in zip(bands, index.split(_BAND), strict=True):
         total.index_add_(0, rows, band.double())
     return Palette((total / count[:, None]).float(), index)
+
+
+def _distinct(states: Tensor) -> Palette:
+    """The rows of `states` [n, C] that differ in any bit, in the order in which they come."""
+    rows = np.ascontiguousarray(states.numpy())
+    bits = rows.view(np.dtype((np.void, rows[:1].nbytes)))[:, 0]
+    _, first, index = np.unique(bits, return_index=True, return_inverse=True)
+    place = np.argsort(np.argsort(first))
+    return Palette(torch.from_numpy(rows[np.sort(first)]), torch.from_numpy(place[index]))
 
 
 def _cells(

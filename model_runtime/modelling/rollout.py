@@ -7,7 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 
 from ..backend import Tensor, nn, torch
-from ..brdf.fit import USUAL, FitEffort, fit_angles, fit_torrance_sparrow
+from ..brdf.fit import Fitter, at_a_time, fit_angles
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.refinement import SeenFit, fit_seen
 from ..brdf.torrance_sparrow import evaluate
@@ -59,7 +59,7 @@ def roll_out(
     representation: Representation,
     *,
     samples: int | None = None,
-    fit: FitEffort | ParameterEstimator = USUAL,
+    estimator: ParameterEstimator | None = None,
     specular: Specular = "rgb",
     measured: Latents | None = None,
     device: torch.device = CPU,
@@ -69,8 +69,8 @@ def roll_out(
 
     Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
     `samples` directions of them where that is given (`measured` are those of the only entry, where
-    they are known), rolled out, decoded and fitted with the effort `fit` at every age, or told by
-    an estimator: on `device`, for that is what takes time. `step` hears which share is done.
+    they are known), rolled out, decoded and fitted at every age, or told by an `estimator`: on
+    `device`, for that is what takes time. `step` hears which share is done.
 
     Raises ModelFileError where the NTM makes states that are not finite, or rolls out other latents
     than those of `representation`.
@@ -82,8 +82,7 @@ def roll_out(
         model, decoder = deepcopy(ntm.latents).to(device), deepcopy(representation)
         assert isinstance(decoder, nn.Module)
         decoder.to(device)
-        if isinstance(fit, ParameterEstimator):
-            fit = deepcopy(fit).to(device)
+        estimator = None if estimator is None else deepcopy(estimator).to(device)
     parts, errors = [], [0.0]
     for start, stop in _chunks(len(entries)):
         chunk = entries[start:stop]
@@ -94,9 +93,14 @@ def roll_out(
             flat = model.rollout(latents.flat(), ntm.frames)
             if _leads_nowhere(flat, chunk):
                 raise _unusable(ntm, "makes latents that are not finite")
-            states, error = _decode_and_fit(latents, flat, decoder, specular, fit)
-            states = states.to(CPU)
-            errors.append(float(error))
+            rolled = latents.unflat(flat)
+            if estimator is not None:
+                states = estimator.parameters_of(rolled)
+                states = _mono(states) if specular == "mono" else states
+            else:
+                states, error = _decode_and_fit(rolled, decoder, specular)
+                errors.append(error)
+            states = states.to(CPU).unflatten(0, flat.shape[:2])
         else:
             states = model.rollout(chunk, ntm.frames)
             if specular == "mono":
@@ -145,23 +149,18 @@ def _encode(entries: Tensor, representation: Representation, samples: int | None
 
 
 def _decode_and_fit(
-    latents: Latents,
-    flat: Tensor,
-    representation: Representation,
-    specular: Specular,
-    fit: FitEffort | ParameterEstimator,
-) -> tuple[Tensor, Tensor]:
-    """States [P, T, C] of rolled-out latents [P, T, D], and the largest relative error [] of the
-    fit, 0 where nothing was fitted.
-    """
-    rolled = latents.unflat(flat)
-    if isinstance(fit, ParameterEstimator):
-        states = fit.parameters_of(rolled).unflatten(0, flat.shape[:2])
-        return _mono(states) if specular == "mono" else states, torch.zeros(())
-    angles = fit_angles().to(flat.device)
-    decoded = representation.decode(rolled, angles)
-    found = fit_torrance_sparrow(decoded, angles, specular=specular, effort=fit)
-    return found.parameters().unflatten(0, flat.shape[:2]), found.error.max()
+    latents: Latents, representation: Representation, specular: Specular
+) -> tuple[Tensor, float]:
+    """States [N, C] of N latents, and the largest relative error of their fits."""
+    angles = fit_angles().to(latents.shared.device)
+    fitter = Fitter(angles, specular=specular)
+    each = (x.split(at_a_time(x.device)) for x in (latents.color, latents.shared))
+    fits = [
+        fitter.fit(representation.decode(Latents(*part), angles))
+        for part in zip(*each, strict=True)
+    ]
+    error = max(float(fit.error.max()) for fit in fits)
+    return torch.cat([fit.parameters() for fit in fits]), error
 
 
 def _mono(states: Tensor) -> Tensor:

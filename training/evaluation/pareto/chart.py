@@ -26,7 +26,6 @@ _COLORS = {
     "compression": "#b8860b",
     "samples": "#1b9ad6",
     "fit": "#8c564b",
-    "precision": "#777777",
     "rival": "#b22222",
 }
 _TITLES = {"": "quality", "samples": "samples m", "rung": "temporal rung", "rival": "rival"}

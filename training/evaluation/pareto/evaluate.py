@@ -24,7 +24,7 @@ from ..bench.results import chosen, write_report
 from ..synthesis.sources import Effort as Learning
 from .chart import draw_chart
 from .exact import Exact, exact_texels
-from .figures import Probes, each_texel, exact_point, figures, savings
+from .figures import Probes, distinct_texels, each_texel, exact_point, figures, savings
 from .probes import large_run, uniform_run, warm_worker
 from .report import tables
 from .results import ParetoReport, Point, point_of, with_fronts
@@ -36,7 +36,7 @@ __all__ = ("evaluate_pareto",)
 
 _QUARTER = 4
 _TIMES = 16
-_KINDS_OF_MODELING = ("", "palette", "rung", "samples", "fit", "precision")
+_KINDS_OF_MODELING = ("", "palette", "rung", "samples", "fit")
 """Knobs that change what is modeled, and so how near to the truth it is."""
 
 
@@ -82,11 +82,19 @@ def evaluate_pareto(
     points = with_fronts(_points(bench, truth, settings, runs))
     by_name = {point.name: point for point in points}
     probes = bench.probes(truth, large_frames)
-    latents = [bench.exact(material, LSTM_LATENTS) for material in aged]
+    whole, latents = (
+        [bench.exact(material, rung) for material in aged] for rung in (AUTO, LSTM_LATENTS)
+    )
     report = ParetoReport(
         points,
         figures(
-            by_name, runs, probes, latents_seconds=each_texel(latents), size=size, frames=frames
+            by_name,
+            runs,
+            probes,
+            latents_seconds=each_texel(latents),
+            distinct=distinct_texels(whole),
+            size=size,
+            frames=frames,
         ),
         savings(by_name, probes),
         _machine(max(run.load for each in runs.values() for run in each.values())),
@@ -202,13 +210,13 @@ def _points(
     }
     points = [point_of(each, runs[each.name], known.get(each.name)) for each in settings]
     by_name = {point.name: point for point in points}
-    for name, base, rung, width in (
-        ("exact", BALANCED, AUTO, bench.size),
-        ("latents exact", LATENTS, LSTM_LATENTS, bench.size // _QUARTER),
+    for name, base, rung in (
+        ("exact", BALANCED, AUTO),
+        ("latents exact", LATENTS, LSTM_LATENTS),
     ):
         found = [bench.exact(material, rung) for material in bench.materials]
         near = truth.setting(name, EFFORTS[EXACT], rung)
-        points.append(exact_point(name, by_name[base], found, width**2, near))
+        points.append(exact_point(name, by_name[base], found, near))
     balanced = by_name[BALANCED]
     times = bench.size**2 / truth.pixels**2
     return [*points, *(_rival(name, truth.rival(name), balanced, times) for name in RIVALS)]

@@ -22,7 +22,7 @@ from model_runtime.live.files import read_live
 from model_runtime.maps import PrincipledMaps
 from model_runtime.model_files.weights import find_model
 from model_runtime.modelling.aged import EFFORTS, Change, model_texels
-from model_runtime.modelling.palette import appearance_psnr
+from model_runtime.modelling.palette import appearance_psnr, build_palette
 from model_runtime.modelling.residues import lay
 from model_runtime.modelling.start import wear_of
 from model_runtime.modelling.texels import initial_states, timing_maps
@@ -54,7 +54,8 @@ class Exact:
     rows: [n] which texels, in row order
     states: [t, n, C] at `times` [t], 0 to 1, as the written maps would hold them
     rung: the model of change
-    seconds: of one core that modeling them took
+    seconds: of one core that modeling one of them took; equal ones are modeled once
+    distinct: how many states the whole map has
     authored: their own sockets, as an image one texel wide
     """
 
@@ -64,6 +65,7 @@ class Exact:
     size: tuple[int, int]
     rung: str
     seconds: float
+    distinct: int
     authored: PrincipledMaps
 
     def psnr(self, folder: Path) -> list[float]:
@@ -159,7 +161,7 @@ def exact_texels(
     path = folder / f"exact_{size}_{material.name}_{rung}.safetensors"
     model = identity(*ntm.tensors().values())
     made_from = identity(
-        initial[chosen], encoder, model, f"{rung} {times} {seed} {size} {worn is not None}"
+        initial[chosen], encoder, model, f"{rung} {times} {seed} {size} {worn is not None} a texel"
     )
 
     def make() -> dict[str, Tensor]:
@@ -175,10 +177,12 @@ def exact_texels(
         seconds = time.process_time() - start
         maps = maps_of(aged, authored, (len(rows), 1), PRINCIPLED, times)
         states = torch.stack([_states(maps.at(moment), authored) for moment in times])
-        return {"states": states, "seconds": torch.tensor(seconds)}
+        each = seconds / len(aged.palette.entries)
+        return {"states": states, "seconds": torch.tensor(each)}
 
     found = kept(path, made_from, make)
-    return Exact(chosen, found["states"], times, shape, rung, float(found["seconds"]), authored)
+    seconds, distinct = float(found["seconds"]), len(build_palette(initial, 0, most=0).entries)
+    return Exact(chosen, found["states"], times, shape, rung, seconds, distinct, authored)
 
 
 def _states(maps: Mapping[str, np.ndarray], authored: PrincipledMaps) -> Tensor:

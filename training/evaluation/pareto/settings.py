@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import torch
-
-from model_runtime.brdf.fit import USUAL, FitEffort
 from model_runtime.contract import (
     AFFINE,
     AUTO,
@@ -90,11 +87,7 @@ SETTINGS = (
     _latents("latents, m = 16", "samples", samples=16),
     _latents("latents, m = 258", "samples", samples=258),
     _latents("latents, every texel", "palette", step=0.0, most=0, checked=False),
-    _latents("latents, fitted", "fit", fit=USUAL),
-    _latents("latents, 10 alphas", "fit", fit=FitEffort(candidates=10)),
-    _latents("latents, 2 refinements", "fit", fit=FitEffort(refinements=2)),
-    _latents("latents, no refinement", "fit", fit=FitEffort(refinements=0)),
-    _latents("latents, single precision", "precision", fit=FitEffort(precision=torch.float32)),
+    _latents("latents, fitted", "fit", fit=True),
 )
 
 

@@ -77,7 +77,7 @@ class Truth:
         def one(stage: Stage) -> tuple[float, float, bool]:
             method = self._ladder(stage)
             used = method.rung(stage) if rung == AUTO else rung
-            dear = used == LSTM_LATENTS and effort.step == 0 and effort.fit is not None
+            dear = used == LSTM_LATENTS and effort.step == 0 and effort.fit
             pixels = stage.sphere.few if dear else torch.arange(len(stage.texels))
             start = stage.start[stage.texels[pixels]] if dear else stage.start
             clock = time.process_time()
