@@ -202,6 +202,7 @@ def _refined(
     """
     rows = torch.arange(len(coefficients)).to(coefficients.device)
     parts = torch.linspace(0, 1, _PARTS + 1, dtype=torch.float64).to(coefficients.device)
+    share = torch.zeros_like(first)
     for _ in range(_ROUNDS):
         places = first[:, None] + (last - first)[:, None] * parts
         lobes, change = _polynomials(coefficients, places)
@@ -210,8 +211,8 @@ def _refined(
         best = error.argmin(1)
         left = (best - (slope[rows, best] > 0).long()).clamp(0, _PARTS - 1)
         first, last = places[rows, left], places[rows, left + 1]
-    down, up = slope[rows, left], slope[rows, left + 1]
-    share = torch.where((down < 0) & (up > 0), down / (down - up), (best - left).to(down.dtype))
+        down, up = slope[rows, left], slope[rows, left + 1]
+        share = torch.where((down < 0) & (up > 0), down / (down - up), (best - left).to(down.dtype))
     place = first + (last - first) * share
     kd, ks, error = sums.solve(_polynomials(coefficients, place[:, None])[0])
     return kd[..., 0], ks[..., 0], error[:, 0], place
