@@ -169,7 +169,7 @@ def output(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def evaluate(data: Path, output: Path):
     names = ("ours", "ours_v1", "crossfade", "stt", "paper", "same_scan", "other_scan")
     return evaluate_realism(
-        data, output, methods=names, targets=("Metal022",), size=256, times=3, effort=TINY,
+        data, output, methods=names, targets=("Metal022", "rusts"), size=256, times=3, effort=TINY,
         minutes=0.002,
     )  # fmt: skip
 
@@ -191,6 +191,12 @@ class TestReport:
                 assert 0 < found["distance"] < 3
         assert all(figure["asked"] for figure in stored["figures"])
         assert "nearest rival" in tables(report)
+
+    def test_scans_of_rust_are_held_against_each_other(self, report):
+        assert "| rust of | Rust004 |" in tables(report)
+        assert all(list(others) == list(report.rusts) for others in report.rusts.values())
+        others = report.rusts["Rust004"]
+        assert others["Rust004"] == min(others.values())
 
     def test_its_pictures_are_there(self, report, output: Path):
         page = (output / "realism.md").read_text(encoding="utf-8")

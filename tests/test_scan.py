@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from model_runtime.errors import InputError
 from tests.scans import RUST, STEEL, MadeScan, save, write_plain, write_scan
 from training.source.curves import Curves
 from training.source.distance import signed_distance
-from training.source.relief import _integrated
+from training.source.relief import _integrated, from_steps
 from training.source.scan import Scan, change_of, read_states
 from training.source.scan_maps import HEIGHT, ROUGHNESS, read_scan
 from training.source.two_states import two_states
@@ -142,9 +143,16 @@ def test_the_residue_is_more_of_the_rust_and_wraps(scan: Scan):
 
 
 def test_grain_shows_as_what_was_there_goes(scan: Scan):
-    strength = change_of(scan).strength
-    assert strength[0] == 0
-    assert strength[-1] == pytest.approx(1, abs=0.1)
+    change = change_of(scan)
+    assert change.strength[0] == 0
+    assert change.strength[-1] == 1
+    assert (change.strength <= change.gone).all()  # no color that is neither's, nor between
+
+
+def test_gaps_between_boards_are_no_grain(scan: Scan):
+    grooved = replace(scan, maps=replace(scan.maps, values=scan.maps.values.copy()))
+    grooved.maps.values[::48, :, HEIGHT] -= 3
+    assert np.abs(change_of(grooved).residue[..., HEIGHT]).max() < 1 / 192  # of 3 texels
 
 
 def test_a_photo_is_color_alone_and_that_is_said(made: MadeScan):
@@ -168,3 +176,9 @@ def test_normals_are_integrated_to_the_height_they_came_from():
     found = _integrated(down, across, (True, True))
     assert np.corrcoef(found.ravel(), height.ravel())[0, 1] > 0.99
     assert found.std() == pytest.approx(height.std(), rel=0.1)
+
+
+def test_steps_give_back_the_height_they_were_taken_of():
+    height = np.random.default_rng(2).normal(0, 1, (32, 48)).astype(np.float32)
+    steps = (np.roll(height, -1, axis) - height for axis in (0, 1))
+    np.testing.assert_allclose(from_steps(*steps), height - height.mean(), atol=1e-4)

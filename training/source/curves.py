@@ -35,7 +35,7 @@ _DEEPEST = 0.01  # share of the texels: fewer are no mean to trust
 _BEYOND = 3  # bins in which it is seen what goes on changing
 _LIFTED = 0.2  # share of the height's range likewise
 _BORDER = 0.1  # age at which the border is reached
-_POWER = (4.0, 30.0)
+_POWER = (8.0, 30.0)
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,11 @@ from model_runtime.resampling import resize
 
 from .distance import Wraps, smoothed
 
-__all__ = ("Relief", "read_relief", "without_form")
+__all__ = ("Relief", "from_steps", "read_relief", "without_form")
 
 Array = NDArray[np.float32]
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 ASSUMED_DEPTH = 0.01
 """Of a displacement map's range, in sides of the scan, where no normals tell."""
@@ -100,13 +102,31 @@ def _integrated(down: Array, across: Array, wraps: Wraps) -> Array:
         down = np.concatenate((down, down[:, ::-1]), 1)
         across = np.concatenate((across, across[::-1]), 0)
         across = np.concatenate((across, -across[:, ::-1]), 1)
-    v = 2 * np.pi * np.fft.fftfreq(down.shape[0])[:, None]
-    u = 2 * np.pi * np.fft.rfftfreq(down.shape[1])
-    power = u**2 + v**2
+    v, u = _waves(down.shape)
+    return _nearest(down, across, 1j * v, 1j * u)[:height, :width]
+
+
+def from_steps(down: Array, across: Array) -> Array:
+    """The height [H, W], of zero mean, of a tile that wraps whose steps to the next texel down and
+    across are nearest to these.
+    """
+    v, u = _waves(down.shape)
+    return _nearest(down, across, np.expm1(1j * v), np.expm1(1j * u))
+
+
+def _waves(size: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Down [H, 1] and across [W // 2 + 1], in radians a texel, as `rfft2` has them."""
+    v, u = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])
+    return 2 * np.pi * v, 2 * np.pi * u
+
+
+def _nearest(down: Array, across: Array, v: Complex, u: Complex) -> Array:
+    """What comes nearest to having these, where a wave is multiplied by `v` and `u` to have its."""
+    power = np.abs(v) ** 2 + np.abs(u) ** 2
     power[0, 0] = 1
-    spectrum = -1j * (v * np.fft.rfft2(down) + u * np.fft.rfft2(across)) / power
+    spectrum = (v.conj() * np.fft.rfft2(down) + u.conj() * np.fft.rfft2(across)) / power
     spectrum[0, 0] = 0
-    return np.fft.irfft2(spectrum, down.shape)[:height, :width].astype(np.float32)
+    return np.fft.irfft2(spectrum, down.shape).astype(np.float32)
 
 
 def without_form(height: Array, clean: NDArray[np.bool_], wraps: Wraps) -> Array:

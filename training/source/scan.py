@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from .change import Change
 from .curves import FARTHEST, Curves, curves_by_distance
-from .distance import signed_distance, smoothed
+from .distance import Wraps, padded, signed_distance, smoothed
 from .onsets import correlation_length
 from .quilting import quilted
-from .relief import without_form
+from .relief import from_steps, without_form
 from .scan_maps import HEIGHT, ScanMaps, read_scan
 from .two_states import TwoStates, masked, two_states
 
@@ -35,7 +35,9 @@ _SHALLOW = 0.6  # share likewise, where little is deeper
 _LEAST_DEEP = 2_000  # texels
 _FORM = 16.0  # texels; a residue's height holds no larger waves
 _BEYOND_LIPS = -8.0  # texels outside: what is raised at borders is no form
-_STRONGEST = 1.25
+_JOINT = 5.0  # deviations below the median: no grain is as deep, gaps are
+_MEDIAN_DEVIATION = 0.6745  # of a normal number
+_BESIDE = 1.0  # texels beside a gap that belong to it
 _MOST_STARTS = 50_000
 
 
@@ -101,7 +103,7 @@ def change_of(
     return Change(
         mean,
         gone,
-        _strength(curves, distance, gone),
+        gone,
         clean[:: max(1, len(clean) // _MOST_STARTS), :HEIGHT].copy(),
         residue,
         share=side / max(maps.size),
@@ -115,32 +117,30 @@ def change_of(
 
 def _weathered(scan: Scan, side: int, seed: int) -> Array:
     """A tile [side, side, 8] of weathered texels as they are, of whose height (in sides) only what
-    is no form. Flecks and what varies toward the border are part of how they look.
+    is no form. Flecks and what varies toward the border are part of how they look. Of heights the
+    slopes are joined: where patches meet that lie at different heights is no step.
     """
     curves, maps = scan.curves, scan.maps
-    values = maps.values.copy()
-    values[..., HEIGHT] -= curves.mean_at(scan.distance)[..., HEIGHT]
-    values[..., HEIGHT] -= smoothed(values[..., HEIGHT], _FORM, maps.wraps)
+    height = maps.values[..., HEIGHT] - curves.mean_at(scan.distance)[..., HEIGHT]
+    height -= smoothed(height, _FORM, maps.wraps)
+    around = padded(height, 1, maps.wraps)[1:, 1:]
+    steps = np.diff(around, axis=0)[:, :-1], np.diff(around, axis=1)[:-1]
+    values = np.concatenate((maps.values[..., :HEIGHT], np.stack(steps, -1)), -1)
     share, depth = _DEEP
     gone = curves.share_at(scan.distance)
     deep = (gone > share) & (scan.distance > depth)
     if deep.sum() < _LEAST_DEEP:
         deep = (gone > _SHALLOW) & (scan.distance > 0)
+    deep &= ~_joints(height, deep, maps.wraps)
     tile = quilted(values, deep, maps.wraps, side, seed)
-    tile[..., HEIGHT] /= side
-    return tile
+    height = from_steps(*np.moveaxis(tile[..., HEIGHT:], -1, 0))
+    height -= smoothed(height, _FORM, (True, True))
+    return np.concatenate((tile[..., :HEIGHT], height[..., None] / side), -1)
 
 
-def _strength(curves: Curves, distance: Array, gone: Array) -> Array:
-    """How much texels at `distance` [T] differ beyond what is left of what they were, in units of
-    what weathered ones differ by; none where nothing is `gone`.
-    """
-    weight = 0.5 / np.sqrt(np.maximum(curves.weathered[:6], 0.004))
-
-    def variance(spread: Array) -> Array:
-        return np.square(spread[..., :6] * weight).sum(-1) + np.square(spread[..., 6])
-
-    clean, weathered = (variance(curves.spread_at(far)) for far in (curves.first, curves.last))
-    more = variance(curves.spread_at(distance)) - np.square(1 - gone) * clean
-    strength = np.sqrt(np.maximum(more, 0) / np.maximum(weathered, 1e-9)).clip(0, _STRONGEST)
-    return (np.minimum(strength, _STRONGEST * np.sqrt(gone)) * (gone > 0)).astype(np.float32)
+def _joints(height: Array, deep: NDArray[np.bool_], wraps: Wraps) -> NDArray[np.bool_]:
+    """Where gaps between boards or tiles lie [H, W]: far below what is usual of `deep` texels."""
+    middle = np.median(height[deep])
+    deviation = np.median(np.abs(height[deep] - middle)) / _MEDIAN_DEVIATION
+    below = (height < middle - _JOINT * deviation).astype(np.float32)
+    return smoothed(below, _BESIDE, wraps) > 0.02

@@ -27,14 +27,14 @@ from .methods import METHODS, Aged
 from .pictures import draw_chart, draw_relief, draw_sheet, draw_spots
 from .report import page
 from .results import Compared, RealismReport, Target
-from .targets import METALS, RUST, SCANS, Half, HalvedScan, read_part, scan_folder
+from .targets import METALS, RUST, RUSTED, SCANS, Half, HalvedScan, read_part, scan_folder
 
 __all__ = ("EVERY", "TARGETS", "evaluate_realism")
 
 EVERY = (*METHODS, "same_scan", "other_scan")
 """The methods of the report; the last two are real."""
 
-TARGETS = (*SCANS, *METALS, "relief", "spots")
+TARGETS = (*SCANS, *METALS, "rusts", "relief", "spots")
 
 _RUST = "rust"
 _RUSTED = "Metal022"
@@ -105,10 +105,13 @@ def evaluate_realism(
     comparison = Comparison(folder, TextureMetric.load(data / "perceptual"))
     bench = _Bench(data, aging, comparison, names, size)
     found: dict[str, Target] = {}
+    rusts: Mapping[str, Mapping[str, float]] = {}
     relief: Mapping[str, Any] = {}
     spots: Mapping[str, Any] = {}
     for name in tqdm(wanted, desc="targets", unit=" target"):
-        if name == "relief":
+        if name == "rusts":
+            rusts = _rusts(bench)
+        elif name == "relief":
             relief = relief_of(bench.scan("PaintedMetal007"), aging)
         elif name == "spots":
             spots = spots_of(data, aging)
@@ -116,7 +119,8 @@ def evaluate_realism(
             found |= _scan(bench, name) if name in SCANS else _metal(bench, name)
     settings = {"size": size, "times": times, "methods": list(names)}
     spent = time.perf_counter() - start
-    report = RealismReport(figures_of(found, relief, spots), found, relief, spots, settings, spent)
+    figures = figures_of(found, relief, spots)
+    report = RealismReport(figures, found, rusts, relief, spots, settings, spent)
     output.mkdir(parents=True, exist_ok=True)
     drawn = [draw_chart(report, output)]
     drawn += [draw_relief(relief, output)] if relief else []
@@ -171,6 +175,24 @@ def _metal(bench: _Bench, name: str) -> dict[str, Target]:
         "fully": {"truth": halves[0][1], **shown, "other_scan": halves[1][1]},
     }
     return found
+
+
+def _rusts(bench: _Bench) -> dict[str, dict[str, float]]:
+    """How far what is rust in the left half of each scan is from that in the right half of each."""
+    halves = {}
+    for name in RUSTED:
+        if name in RUST:
+            halves[name] = _halves(bench.data, name, bench.size)
+        else:
+            scan = bench.scan(name)
+            halves[name] = tuple(Picture(scan.weathered(each)) for each in (scan.left, scan.right))
+    return {
+        first: {
+            second: bench.comparison.distance(left, right).distance
+            for second, (_, right) in halves.items()
+        }
+        for first, (left, _) in halves.items()
+    }
 
 
 def _at_end(aged: Mapping[str, Aged]) -> Shown:

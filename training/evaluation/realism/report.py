@@ -24,6 +24,8 @@ of what is weathered in the right half; *same_scan* is the like of the left half
 (`_half`): the picture whose mean color is that of the right half, against all of it.
 - **Metals**: the bundled rust, against other scans of rust, and half way against the right half \
 of Metal022.
+- **Rusts**: how far what is rust in the left half of one scan is from that in the right half of \
+another, or its own.
 - *ours* is `training learn` and `age`; *ours_v1* are the formulas that the models of the release \
 before had learned, themselves; *crossfade* fades to the source's mean weathered color; *stt* and \
 *paper* learn from the sequence that `training scan` writes, in which neighbors are no neighbors; \
@@ -41,7 +43,8 @@ def page(report: RealismReport, drawn: Iterable[Path]) -> list[str]:
 def tables(report: RealismReport) -> str:
     """The figures that were asked for, and the distances of all methods, in Markdown."""
     rows = [[f.name, f.asked, f.measured, _MARKS[f.met]] for f in report.figures]
-    return "\n\n".join((table(("figure", "asked", "measured", "met"), rows), _distances(report)))
+    figures = table(("figure", "asked", "measured", "met"), rows)
+    return "\n\n".join(filter(None, (figures, _distances(report), _rusts(report))))
 
 
 def _distances(report: RealismReport) -> str:
@@ -52,3 +55,11 @@ def _distances(report: RealismReport) -> str:
         cells = [f"{found[each].distance:.3f}" if each in found else "" for each in names]
         rows.append([name, *cells])
     return table(("target", *names), rows) if rows else ""
+
+
+def _rusts(report: RealismReport) -> str:
+    rows = [
+        [name, *(f"{apart:.3f}" for apart in others.values())]
+        for name, others in report.rusts.items()
+    ]
+    return table(("rust of", *report.rusts), rows) if rows else ""

@@ -61,15 +61,18 @@ class Figure(Result):
 
 @dataclass(frozen=True)
 class RealismReport(Result):
-    """By name: targets; what relief and spots were found to be."""
+    """By name: targets; how far scans of rust are from each other; what relief and spots were found
+    to be.
+    """
 
     JSON = (
-        *(("figures", None), ("targets", None), ("relief", 3), ("spots", 3)),
+        *(("figures", None), ("targets", None), ("rusts", 3), ("relief", 3), ("spots", 3)),
         *(("settings", None), ("seconds", 1)),
     )
 
     figures: tuple[Figure, ...]
     targets: Mapping[str, Target]
+    rusts: Mapping[str, Mapping[str, float]]
     relief: Mapping[str, Any]
     spots: Mapping[str, Any]
     settings: Mapping[str, Any]

@@ -22,6 +22,7 @@ from ..bench.kept import identity
 __all__ = (
     "METALS",
     "RUST",
+    "RUSTED",
     "SCANS",
     "Half",
     "HalvedScan",
@@ -64,6 +65,9 @@ METALS = ("Metal032", "Metal024", "Metal035")
 
 RUST = ("Rust004", "rusty_metal_05")
 """Scans of rust that it is compared with: no half of them is clean."""
+
+RUSTED = (*RUST, "Metal022", "CorrugatedSteel007B", "PaintedMetal007")
+"""All scans that show rust."""
 
 
 def scan_folder(data: Path, name: str) -> Path:
