@@ -6,7 +6,6 @@ import functools
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
-import blf
 import bpy
 
 from ..model_runtime.errors import shown
@@ -59,6 +58,8 @@ def lines(layout: bpy.types.UILayout, text: str, width: float, icon: Icon = "NON
 
 def wrapped(text: str, width: float) -> list[str]:
     """`text` in lines as wide as Blender's interface draws them, a word at the least."""
+    import blf  # only there once bpy is
+
     blf.size(0, bpy.context.preferences.ui_styles[0].widget.points)
     found: list[str] = []
     for word in text.split():
