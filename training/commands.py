@@ -242,7 +242,7 @@ def weathering(
 @app.command
 def evaluate(
     what: tyro.conf.Positional[
-        Literal["representation", "synthesis", "pareto", "stability", "realism", "fading"]
+        Literal["representation", "synthesis", "pareto", "stability", "realism", "fading", "layers"]
     ],
     output: Path,
     pixels: int = 64,
@@ -256,7 +256,7 @@ def evaluate(
         what: the PSNR of BRDF representations on every set of materials, or of models of change on
             every case of synthesis; speed against accuracy, and the time and memory of aging;
             under which stresses methods fail; how far from real ones weathered textures look; or
-            how a dye fades by its dose of light.
+            how a dye fades by its dose of light; or what varnish does to what lies under it.
         output: the folder to write; what is finished there is not done again.
         pixels: width of the rendered spheres (fewer is faster and rougher); pareto ages maps 16
             times as wide, and realism has sizes of its own.
@@ -292,6 +292,12 @@ def evaluate(
             data_folder(), output, methods=methods or None, stresses=cases or None
         )
         table = stability_table(report, STRESSES)
+    elif what == "layers":
+        from .evaluation.layers.evaluate import evaluate_layers
+        from .evaluation.layers.evaluate import table as layers_table
+
+        report = evaluate_layers()
+        table = layers_table(report)
     elif what == "fading":
         from .evaluation.fading.evaluate import evaluate_fading
         from .evaluation.fading.evaluate import table as fading_table

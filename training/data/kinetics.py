@@ -21,6 +21,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .films import ground_under, seen_through
 from .weathering_states import (
     State,
     absorption,
@@ -38,6 +39,7 @@ __all__ = ("PROCESSES", "history", "wetted")
 Array = NDArray[np.float32]
 
 _INTERNAL_REFLECTION = 0.47  # of diffuse light under a water film, n = 1.33 (Lekner and Dorf)
+_VARNISH = 1.5  # index of refraction
 _PORES_FILLED = 1.7  # K/S of a soaked surface over that of the dry one (see `_drying`)
 
 
@@ -198,16 +200,19 @@ def _yellowing(initial: State, age: Array) -> State:
     """Varnish oxidises; its chromophores absorb blue most (de la Rie, Studies in Conservation 33,
     1988) and gather towards a plateau (Feller, Accelerated Aging, 1994).
 
-    Light crosses the film twice, exp(-2 mu d) (Beer-Lambert), mu falling exponentially with
-    wavelength; a duller surface has the thinner film. Fine cracks take a little of the gloss.
+    Light crosses the film again and again (`films`), so that pale grounds turn most; it absorbs
+    the less the longer the wavelength. A duller surface has the thinner film. Fine cracks take a
+    little of the gloss.
     """
     thickness = mix(1.0, 0.55, smoothstep(initial.alpha, 0.05, 0.35))
-    chromophores = avrami(age, 0.5, 1.3)
-    mu = rgb(0.09, 0.27, 0.85)
+    depth = rgb(0.03, 0.11, 0.48) * thickness * avrami(age, 0.5, 1.3)
+    ground = ground_under(initial.body, _VARNISH)
+    darker = seen_through(ground, depth, _VARNISH) - seen_through(ground, 0 * depth, _VARNISH)
     state = initial.towards(
         initial.kd, 0.8 * initial.ks, mix(initial.alpha, 1, 0.07), avrami(age, 0.6, 2.0)
     )
-    return State(initial.kd * np.exp(-2 * mu * thickness * chromophores), state.ks, state.alpha)
+    kd = (initial.kd + (1 - initial.ks) * darker).clip(0).astype(np.float32)
+    return State(kd, state.ks, state.alpha)
 
 
 def _moss(initial: State, age: Array) -> State:

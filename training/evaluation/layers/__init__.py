@@ -1,0 +1,1 @@
+"""`evaluate layers`: what films do to what lies under them, by random walks."""
