@@ -118,7 +118,7 @@ BALANCED: Final = "balanced"
 EXACT: Final = "exact"
 Quality = Literal["draft", "balanced", "exact"]
 QUALITIES: Mapping[str, Told] = {
-    DRAFT: Told("Draft", "A quick look, not checked: few distinct materials are modeled"),
+    DRAFT: Told("Draft", "A quick look, not checked: few distinct places are modeled"),
     BALANCED: Told("Balanced", "Models as little as the tolerance allows, and checks that it does"),
     EXACT: Told(
         "Exact",
@@ -134,9 +134,11 @@ LSTM_PARAMETERS: Final = "lstm_parameters"
 LSTM_LATENTS: Final = "lstm_latents"
 RUNGS: Mapping[str, Told] = {
     CONSTANT: Told("Constant", "Nothing changes: what the other models are held against"),
-    AFFINE: Told("Affine", "Scale and offset of every channel over time"),
-    LSTM_PARAMETERS: Told("LSTM on Parameters", "A network predicts the reflectance parameters"),
-    LSTM_LATENTS: Told("LSTM on Latents", "The neural temporal model of the paper"),
+    AFFINE: Told("Scale and Offset", "Every channel is scaled and moved over time"),
+    LSTM_PARAMETERS: Told("Network", "Learned: how color, highlights and roughness change"),
+    LSTM_LATENTS: Told(
+        "Network on Reflectance", "Learned on the whole reflectance: slowest by far"
+    ),
 }
 LADDER = (*RUNGS,)
 """Cheapest first; the last works on latents, the others on parameters."""

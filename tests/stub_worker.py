@@ -87,7 +87,7 @@ def age(request: AgeRequest, reporter: object) -> dict:
         "device": CPU,
         "backend": TORCH,
         "palette": 3,
-        "plan": [f"Modeled 3 distinct BRDFs instead of {SIDE * SIDE}."],
+        "plan": [f"Modeled 3 texels for all {SIDE * SIDE}."],
         "fit_error": 0.0,
         "warnings": ["The stub paints flat colors."],
         "seconds": dict.fromkeys(("read", "onset", "model", *["fit"] * live, "write"), seconds / 4),

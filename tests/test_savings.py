@@ -28,10 +28,10 @@ def still(name: str) -> list[list[list]]:
 @pytest.mark.parametrize(
     ("texels", "modeled", "said"),
     [
-        (524_288, 214, "Modeled 214 distinct BRDFs instead of 524,288."),
-        (524_288, 1, "Modeled 1 distinct BRDF instead of 524,288."),
-        (4096, 4096, "Modeled every one of 4,096 BRDFs."),
-        (1, 1, "Modeled one BRDF: the material is the same all over."),
+        (524_288, 214, "Modeled 214 texels for all 524,288."),
+        (524_288, 1, "Modeled 1 texel for all 524,288."),
+        (4096, 4096, "Modeled every one of 4,096 texels."),
+        (1, 1, "Modeled one texel: the material is the same all over."),
     ],
 )
 def test_how_much_was_modeled(texels: int, modeled: int, said: str):

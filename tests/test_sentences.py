@@ -19,7 +19,7 @@ AGED = {
     "size": [512, 1024],
     "quality": "balanced",
     "temporal_model": "lstm_parameters",
-    "plan": ["Modeled 214 distinct BRDFs instead of 524,288.", "Specular does not change."],
+    "plan": ["Modeled 214 texels for all 524,288.", "Specular does not change."],
     "warnings": ["Something to know."],
     "seconds": {"read": 1.0, "onset": 0.5, "model": 0.5, "write": 6.2},
     "command": "python -m model_runtime age --temporal-model auto --onset none",
@@ -36,7 +36,7 @@ def test_what_was_modeled_written_and_said(tmp_path: Path):
     report = report_in(written(tmp_path))
     assert report.size == (512, 1024)
     assert report.sentences == (
-        "Modeled 214 distinct BRDFs instead of 524,288.",
+        "Modeled 214 texels for all 524,288.",
         "Specular does not change.",
         "36 frames of 1024 x 512 px, 8 MB, in 8 s at quality Balanced.",
     )
@@ -57,9 +57,9 @@ def test_another_device_than_the_cpu_is_said(tmp_path: Path, device: str, said: 
 @pytest.mark.parametrize(
     ("changes", "usual", "said"),
     [
-        ({}, "lstm_parameters", "LSTM on Parameters, the simplest that fits"),
-        ({"temporal_model": "affine"}, "lstm_latents", "Affine, because the material is unlike"),
-        ({}, None, "LSTM on Parameters, chosen automatically."),
+        ({}, "lstm_parameters", "Network, the simplest that fits"),
+        ({"temporal_model": "affine"}, "lstm_latents", "Scale and Offset, because the material"),
+        ({}, None, "Network, chosen automatically."),
         ({"command": "age --temporal-model lstm_parameters"}, "affine", "as you chose."),
         ({"command": ""}, "lstm_parameters", "the simplest"),
     ],

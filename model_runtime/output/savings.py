@@ -17,7 +17,7 @@ def savings(
     coefficients: int | None = None,
     not_live: bool = False,
 ) -> list[str]:
-    """A sentence each on the BRDFs that were modeled, on what stands for frames, on frames that
+    """A sentence each on the texels that were modeled, on what stands for frames, on frames that
     are only interpolated and on maps that lack frames.
 
     Every `interval`-th frame was aged; `files` are those of `aged.json`: per map and frame its
@@ -53,10 +53,10 @@ def savings(
 
 def _modeled(modeled: int, texels: int) -> str:
     if texels == 1:
-        return "Modeled one BRDF: the material is the same all over."
+        return "Modeled one texel: the material is the same all over."
     if modeled >= texels:
-        return f"Modeled every one of {texels:,} BRDFs."
-    return f"Modeled {modeled:,} distinct BRDF{'s' * (modeled > 1)} instead of {texels:,}."
+        return f"Modeled every one of {texels:,} texels."
+    return f"Modeled {modeled:,} texel{'s' * (modeled > 1)} for all {texels:,}."
 
 
 def _live(coefficients: int) -> str:
