@@ -75,12 +75,12 @@ def _bytes_in(folders: Iterable[Path]) -> int:
 def draw(layout: bpy.types.UILayout) -> None:
     if results := _results():
         row = layout.row(align=True)
-        row.label(text=f"{len(results)} aged materials take {in_bytes(_bytes_in(results))}.")
+        row.label(text=f"Aged materials here ({len(results)}): {in_bytes(_bytes_in(results))}.")
         row.operator("tvbrdf.clean_up", icon="TRASH")
     apart = preferences.kept_apart()
     if apart is not None and (kept := {report.parent for report in apart.rglob(REPORT)}):
         row = layout.row(align=True)
-        row.label(text=f"{len(kept)} of unsaved files take {in_bytes(_bytes_in(kept))}.")
+        row.label(text=f"Aged in unsaved files ({len(kept)}): {in_bytes(_bytes_in(kept))}.")
         row.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = str(apart)
 
 
