@@ -18,7 +18,7 @@ of the same content.
 `repository` makes a folder that Blender takes for a repository of extensions once a web server
 shows it: the zips, their `index.json` and a page to drag them from.
 
-Runs on the standard library, Markdown and the Blender module of the environment that runs it.
+Runs on the standard library; `build` on Markdown and the environment's Blender module, too.
 """
 
 from __future__ import annotations

@@ -7,8 +7,6 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from markdown import markdown
-
 ROOT = Path(__file__).resolve().parents[1]
 CHAPTERS = ("docs/tutorial.md", "docs/blender.md")
 PICTURE = re.compile(r"!\[[^\]]*\]\(([^)]*)\)")
@@ -33,6 +31,8 @@ def sources() -> Iterator[Path]:
 
 def write_manual(folder: Path) -> None:
     """Write the page, with its pictures beside it, into the extension at `folder`."""
+    from markdown import markdown  # only here: wheels are collected before anything is installed
+
     page = folder / PAGE
     for picture in PICTURE.findall(_text()):
         copy = page.parent / picture
