@@ -41,7 +41,7 @@ def account_of(
     """
     request = run.request
     coefficients = None if live is None else live.coefficients
-    fit_error = 0.0 if start.fit is None else float(start.fit.error[0])
+    fit_error = 0.0 if start.fit is None else start.fit.error
     return {
         "format": format,
         "binding": FRAMES if live is None else LIVE,
@@ -95,11 +95,16 @@ def _residues(modeled: AgedTexels, start: Start, live: Fitted | None) -> dict[st
 
 
 def _measured(start: Start, encoded: Encoded | None) -> dict[str, Any]:
-    """How near a measured material looks, as maps and as latents hold it."""
+    """How near a measured material looks, as maps and as latents hold it, and by how many lobes."""
     if start.fit is None:
         return {}
-    found = {"fit": start.fit.db, "latents": None if encoded is None else encoded.db}
-    return {"measured_db": {n: round(float(db[0]), 1) for n, db in found.items() if db is not None}}
+    found = {"fit": start.fit.db}
+    if start.fit.further is not None:
+        found["one_lobe"] = float(start.fit.one.db[0])
+    if encoded is not None:
+        found["latents"] = float(encoded.db[0])
+    db = {name: round(value, 1) for name, value in found.items()}
+    return {"lobes": start.fit.lobed.lobes, "measured_db": db}
 
 
 def command_line(request: AgeRequest) -> str:

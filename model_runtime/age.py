@@ -36,6 +36,7 @@ __all__ = ("AgeRequest", "Reporter", "age", "computes")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
+_BYTES_OF_A_LOBE = 10  # likewise, after the first
 _BYTES_OF_HEIGHT = 4  # likewise, of a single
 _BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (
@@ -43,9 +44,8 @@ _NOT_LIVE = (
     "written instead; a lower tolerance may allow it."
 )
 _NOT_HELD = (
-    "Kd, Ks and one roughness show this measurement with no more than {:.0f} dB: colors that "
-    "change with the light's direction, or several highlights in one, are lost. Look at the first "
-    "frame."
+    "A diffuse color and highlights show this measurement with no more than {:.0f} dB: what else "
+    "changes with the light's direction is lost. Look at the first frame."
 )
 _NOT_ENCODED = (
     "The encoder holds this measurement with no more than {:.0f} dB, so it may change as another "
@@ -93,7 +93,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
     start = read_start(run)
     _require_room(run, start, staged, live=start.may_be_live)
     counted = start.counted
-    rung = _rung(run, start, counted.initial)
+    rung = _rung(run, start, counted.initial if start.fit is None else start.fit.one.states)
     with run.timed("model"):
         encoded = _encoded(run, start, rung)
         change = _change(run, start, rung, device, encoded)
@@ -109,7 +109,7 @@ def _age(run: Run, effort: Effort, staged: StagedResult) -> dict[str, Any]:
         )
     live = None
     if start.may_be_live:
-        live = _fit_live(run, start, modeled, _each_for_itself(start, change, effort))
+        live = _fit_live(run, start, modeled, _each_for_itself(start, change, effort, modeled))
         if live is None:
             if start.apart is not None:
                 raise InputError(_NOT_APART, "Unwrap the object, or ask for a lower tolerance.")
@@ -139,9 +139,12 @@ def _require_room(run: Run, start: Start, staged: StagedResult, *, live: bool) -
     """Raise OutputError where the result could not be written when it is there."""
     request = run.request
     heights = start.laid.residues is not None and start.laid.residues.raises
-    names = live_names() if live else file_names(start.format, request.frames, heights=heights)
+    lobes = 1 if start.fit is None else start.fit.lobed.lobes
+    names = live_names()
+    if not live:
+        names = file_names(start.format, request.frames, lobes=lobes, heights=heights)
     staged.require_free(names)
-    a_frame = _BYTES_A_FRAME + heights * _BYTES_OF_HEIGHT
+    a_frame = _BYTES_A_FRAME + (lobes - 1) * _BYTES_OF_A_LOBE + heights * _BYTES_OF_HEIGHT
     needed = len(names) * _BYTES_A_FILE if live else request.frames * a_frame
     check_space(request.output, start.size[0] * start.size[1] * needed, len(names))
 
@@ -150,8 +153,8 @@ def _encoded(run: Run, start: Start, rung: str) -> Encoded | None:
     """A measured material as latents, where these are rolled out; what is lost is said."""
     if start.fit is None:
         return None
-    if (db := float(start.fit.db[0])) < DOUBTFUL:
-        run.warn(_NOT_HELD.format(db))
+    if start.fit.db < DOUBTFUL:
+        run.warn(_NOT_HELD.format(start.fit.db))
     material = start.material
     if rung != LSTM_LATENTS or not isinstance(material, MeasuredBRDF):
         return None
@@ -172,6 +175,7 @@ def _change(
         start.models.estimator,
         specular=run.request.specular,
         measured=None if encoded is None else encoded.latents,
+        fit=start.fit,
         course=start.course,
         device=device,
         warn=run.warn,
@@ -179,9 +183,13 @@ def _change(
 
 
 def _each_for_itself(
-    start: Start, change: Change, effort: Effort
+    start: Start, change: Change, effort: Effort, modeled: AgedTexels
 ) -> Callable[[Tensor], AgedTexels]:
-    """What models some texels without a palette, as if all began to age at once."""
+    """What models some texels without a palette, as if all began to age at once; those of a
+    measured material, which are all alike, are `modeled` for themselves already.
+    """
+    if start.fit is not None:
+        return lambda some: modeled.select(torch.zeros(len(some), dtype=torch.long))
     own = replace(effort, step=0.0, checked=False, fit=effort.fit or effort.checked)
     at_once = start.texels.onset is None
     return lambda some: model_texels(

@@ -23,14 +23,18 @@ __all__ = (
     "ALPHA",
     "ALPHA_MIN",
     "CHANNELS",
+    "FURTHER",
     "KD",
     "KS",
+    "LOBE",
+    "MOST_LOBES",
     "NAMES",
     "REFLECTANCES",
     "ROUGHNESS_MIN",
     "WIDTH",
     "Channel",
     "clip_planes",
+    "lobe_maps",
     "optics",
 )
 
@@ -62,12 +66,29 @@ NAMES = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
 
 WIDTH = len(NAMES)
 
+LOBE = {"color": 3, "weight": 1, "alpha": 1}
+"""What a lobe after the first is, and in how many channels: a metal, of a measured material."""
+
+FURTHER = sum(LOBE.values())
+
+_FURTHER_LOBES = ("second", "third")
+MOST_LOBES = 1 + len(_FURTHER_LOBES)
+
 Array = TypeVar("Array", NDArray[np.float32], "Tensor")
 
 
 def optics(states: Array) -> tuple[Array, Array, Array]:
     """(kd [..., 3], ks [..., 3], alpha [...]) of states [..., C]: views."""
     return states[..., KD], states[..., KS], states[..., ALPHA.start]
+
+
+def lobe_maps(lobes: int) -> dict[str, int]:
+    """The maps of each of `lobes` after the first, and their channels."""
+    return {
+        f"{which}_{name}": channels
+        for which in _FURTHER_LOBES[: lobes - 1]
+        for name, channels in LOBE.items()
+    }
 
 
 def clip_planes(planes: NDArray[np.float32], *, roughness: bool = False) -> None:

@@ -42,6 +42,7 @@ __all__ = (
     "IDLE_OPTION",
     "LADDER",
     "LIVE",
+    "LOBES",
     "LONGEST_PATTERN",
     "LOOKS",
     "LSTM_LATENTS",
@@ -355,13 +356,14 @@ REPORT = "aged.json"
 """The report that makes a folder a result (docs/aged-json.md); all others are what it lists."""
 
 CURVES = "curves.exr"
+LOBES = "lobes.exr"
 TIMING = "timing.exr"
 COEFFICIENTS_A_FILE = 4
 """Coefficients of a live material that share an image, one in each of its channels."""
 
 _RESULT_FILE = re.compile(
     r"[a-z_]+_[0-9]{4,}\.exr|coefficients_[0-9]+\.(?:png|exr)|"
-    + "|".join(map(re.escape, (TIMING, CURVES)))
+    + "|".join(map(re.escape, (TIMING, CURVES, LOBES)))
 )
 
 

@@ -13,7 +13,7 @@ from model_runtime.images import read_image, write_exr
 
 PRINCIPLED = ("base_color", "metallic", "specular", "roughness")
 TORRANCE_SPARROW = ("kd", "ks", "alpha")
-COLORS = ("base_color", "specular_tint", "kd", "ks")
+COLORS = ("base_color", "specular_tint", "kd", "ks", "second_color", "third_color")
 
 
 @dataclass

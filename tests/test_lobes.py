@@ -13,10 +13,10 @@ from torch import Tensor
 
 from model_runtime.brdf import lobes
 from model_runtime.brdf.half_angle import above_horizon, directions
-from model_runtime.brdf.lobes import FURTHER, MOST_LOBES, LobedFit, fit_lobes, following, one_more
+from model_runtime.brdf.lobes import LobedFit, fit_lobes, following, one_more
 from model_runtime.brdf.refinement import Measurements, fit_seen
 from model_runtime.brdf.views import views
-from model_runtime.channels import WIDTH
+from model_runtime.channels import FURTHER, MOST_LOBES, WIDTH
 from training.data.nbrdf import load
 from training.metric.sphere import Sphere, psnr
 
@@ -41,13 +41,13 @@ def by_hand(lobe: np.ndarray, angles: Tensor) -> np.ndarray:
     """
     wi, wo = (w.numpy() for w in directions(angles.double()))
     half = (wi + wo) / np.linalg.norm(wi + wo, axis=1, keepdims=True)
-    f0, f90, alpha = lobe[:3], lobe[3], lobe[4]
+    color, weight, alpha = lobe[:3], lobe[3], lobe[4]
     tan2_h = 1 / half[:, 2] ** 2 - 1
     d = 1 / (math.pi * alpha**2 * half[:, 2] ** 4 * (1 + tan2_h / alpha**2) ** 2)
     lambdas = [(np.sqrt(1 + alpha**2 * (1 / w[:, 2] ** 2 - 1)) - 1) / 2 for w in (wi, wo)]
     rho = d / (1 + sum(lambdas)) / (4 * wi[:, 2] * wo[:, 2])
     schlick = (1 - (wi * half).sum(1)) ** 5
-    return (f0 + (f90 - f0) * schlick[:, None]) * rho[:, None]
+    return weight * (color + (1 - color) * schlick[:, None]) * rho[:, None]
 
 
 def test_the_formula_is_that_of_cycles():
@@ -121,13 +121,13 @@ def test_they_stay_in_range_whatever_is_missing(data_folder: Path, specular):
         return f.masked_fill((torch.arange(f.shape[1]) % 7 == 0)[:, None], math.nan)
 
     fit = one_more(Measurements.of(evaluate), LobedFit.of(fit_seen(evaluate, specular)), specular)
-    f0, f90, alpha = fit.further[..., :3], fit.further[..., 3], fit.further[..., 4]
+    color, weight, alpha = fit.further[..., :3], fit.further[..., 3], fit.further[..., 4]
     assert fit.lobed.shape == (1, WIDTH + FURTHER)
     assert bool(fit.lobed.isfinite().all()) and float(fit.lobed.min()) >= 0
-    assert bool((f0.amax(-1) <= f90).all()) and float(f90.max()) <= 1
+    assert float(color.max()) <= 1 and 0 < float(weight.max()) <= 1
     assert 1e-4 <= float(alpha.min()) <= float(alpha.max()) <= 1
     if specular == "mono":
-        assert float(f0.amax() - f0.amin()) == 0
+        assert float(color.amax() - color.amin()) == 0
 
 
 def test_a_measured_paint_gains_what_one_lobe_cannot_show(data_folder: Path):

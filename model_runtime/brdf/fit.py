@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 from ..backend import Tensor, torch
-from ..channels import ALPHA_MIN, optics
+from ..channels import ALPHA_MIN
 from ..contract import Specular
 from ..states import joined
 from .half_angle import above_horizon, cosines
-from .torrance_sparrow import evaluate, unbounded_lobe
+from .torrance_sparrow import unbounded_lobe
 
 __all__ = (
     "Fit",
@@ -68,13 +68,12 @@ def fit_torrance_sparrow(
     return Fitter(angles, specular=specular).fit(f)
 
 
-def relative_error(f: Tensor, states: Tensor) -> Tensor:
-    """The error [N] that `Fit` has, of any `states` [N, C] as a fit of `f` [N, M, 3] at
-    `fit_angles()`.
+def relative_error(f: Tensor, shown: Tensor) -> Tensor:
+    """The error [N] that `Fit` has, of any values `shown` [N, M, 3] as a fit of `f` [N, M, 3], both
+    at `fit_angles()`.
     """
-    angles = fit_angles().double()
-    f, weights = _weighed(f, angles)
-    missing = f - evaluate(*optics(states.double()), angles).transpose(1, 2)
+    f, weights = _weighed(f, fit_angles().double())
+    missing = f - shown.double().transpose(1, 2)
     left, whole = ((weights[:, None] * x.square()).sum((1, 2)) for x in (missing, f))
     return (left / whole.clamp_min(torch.finfo(whole.dtype).tiny)).sqrt().float()
 

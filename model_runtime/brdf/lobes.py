@@ -1,12 +1,13 @@
 """Further lobes: what a diffuse term and one lobe do not show of a measured BRDF.
 
-    f = Kd / pi + Ks rho(alpha) + sum_k (F0_k + (F90_k - F0_k) (1 - cos theta_d)^5) rho(alpha_k)
+    f = Kd / pi + Ks rho(alpha) + sum_k w_k (c_k + (1 - c_k) (1 - cos theta_d)^5) rho'(alpha_k)
 
-The first lobe is that of `torrance_sparrow`. Each further one has Schlick's Fresnel term, as metals
-of Blender's Principled BSDF have: measured paints, papers and felts reflect more towards grazing,
-which no number of flat lobes shows. Its rho is Cycles' to the digit, where heights correlate:
+The first lobe is that of `torrance_sparrow`. Each further one is a metal of Blender's Principled
+BSDF, of color c and weight w, with Schlick's Fresnel term: measured paints, papers and felts
+reflect more towards grazing, which no number of flat lobes shows. Its rho' is Cycles' to the digit,
+where heights correlate:
 
-    rho = D / (2 (cos_o s_i + cos_i s_o)),   s = sqrt(cos^2 + alpha^2 sin^2)
+    rho' = D / (2 (cos_o s_i + cos_i s_o)),   s = sqrt(cos^2 + alpha^2 sin^2)
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..backend import Tensor, torch
-from ..channels import ALPHA_MIN, WIDTH, optics
+from ..channels import ALPHA_MIN, FURTHER, MOST_LOBES, WIDTH, optics
 from ..contract import Specular
 from . import torrance_sparrow
 from .half_angle import cosines
@@ -32,8 +33,6 @@ from .torrance_sparrow import ggx
 from .views import other_views
 
 __all__ = (
-    "FURTHER",
-    "MOST_LOBES",
     "LobedFit",
     "evaluate",
     "fit_lobes",
@@ -41,26 +40,21 @@ __all__ = (
     "one_more",
 )
 
-FURTHER = 5
-"""Numbers of a further lobe: F0 (three colors), F90, which is one for all and the largest, and
-alpha. Reflectances of further lobes are at most 1."""
-
-MOST_LOBES = 3
-
 WORTHWHILE = 1.0
 """dB that a further lobe must gain."""
 
 _ALPHAS = (0.05, 0.2, 0.6)  # from which a further lobe sets out, and the first lobe's
 _SHARES = ((0.95, 0.1), (0.7, 0.5))  # of the first lobe's roots that it keeps and hands on
 _HORIZON = 1e-4  # where both directions lie in it, rho has no bound
+_NOTHING = 1e-12  # a weight, that has a color all the same
 _RISE = 0.3  # at first: root of what F90 is above the largest F0
 _FIRST_STEPS, _LAST_STEPS, _FOLLOWING_STEPS = 5, 30, 6
 
 
 @dataclass(frozen=True)
 class LobedFit:
-    """Fits [N, C + 5 K] of N measured BRDFs by 1 + K lobes: states, and the numbers of K further
-    ones (`FURTHER`); and how near each looks in `db` [N].
+    """Fits [N, C + 5 K] of N measured BRDFs by 1 + K lobes: states, and of each further one color
+    and weight, which are at most 1, and alpha; and how near each looks in `db` [N].
     """
 
     lobed: Tensor
@@ -93,10 +87,10 @@ def evaluate(lobed: Tensor, angles: Tensor) -> Tensor:
     cos_i, cos_o, _, cos_d = (each.clamp(0, 1) for each in cosines(angles))
     grazing = (1 - cos_d).pow(5)[:, None]
     for lobe in _lobes_of(lobed):
-        f0, f90, a2 = lobe[:, None, :3], lobe[:, None, 3:4], lobe[:, 4:].square()
+        color, weight, a2 = lobe[:, None, :3], lobe[:, None, 3:4], lobe[:, 4:].square()
         s_i, s_o = ((c * c + a2 * (1 - c * c)).sqrt() for c in (cos_i, cos_o))
         rho = ggx(a2, angles) / (2 * (cos_o * s_i + cos_i * s_o).clamp_min(_HORIZON))
-        f = f + (f0 + (f90 - f0) * grazing) * rho[..., None]
+        f = f + weight * (color + (1 - color) * grazing) * rho[..., None]
     return f
 
 
@@ -121,7 +115,7 @@ def fit_lobes(
 
 
 def one_more(measured: Measurements, fit: LobedFit, specular: Specular = "rgb") -> LobedFit:
-    """N BRDFs with a lobe more than `fit`, which shows nothing where it would look farther off."""
+    """N BRDFs with a lobe more than `fit`, which has no weight where it would look farther off."""
 
     def values(x: Tensor, angles: Tensor) -> Tensor:
         return evaluate(_lobed(x, specular), angles)
@@ -173,14 +167,15 @@ def _starts(x: Tensor) -> list[Tensor]:
 
 
 def _coordinates(lobed: Tensor) -> Tensor:
-    """[N, D] without bounds: those of the states, then of each further lobe the roots of F0 and of
-    what F90 is above the largest of it, and alpha's logarithm.
+    """[N, D] without bounds: those of the states, then of each further lobe the roots of what it
+    reflects head-on (F0, three colors) and of how much more than the largest of these at grazing
+    (F90), and alpha's logarithm.
     """
     parts = [rooted(lobed[:, :WIDTH])]
     for lobe in _lobes_of(lobed):
-        f0, f90, alpha = lobe.split((3, 1, 1), 1)
-        rise = (f90 - f0.amax(1, keepdim=True)).clamp_min(0)
-        roots = torch.cat((f0, rise), 1).sqrt().clamp_min(LEAST_ROOT)
+        color, weight, alpha = lobe.split((3, 1, 1), 1)
+        rise = 1 - color.amax(1, keepdim=True)
+        roots = (weight * torch.cat((color, rise), 1)).sqrt().clamp_min(LEAST_ROOT)
         parts += [roots, alpha.log()]
     return torch.cat(parts, 1)
 
@@ -192,6 +187,6 @@ def _lobed(x: Tensor, specular: Specular) -> Tensor:
         f0 = lobe[:, :3].square().clamp_max(1)
         if specular == "mono":
             f0 = f0.mean(1, keepdim=True).expand_as(f0)
-        f90 = (f0.amax(1, keepdim=True) + lobe[:, 3:4].square()).clamp_max(1)
-        parts += [f0, f90, lobe[:, 4:].clamp(math.log(ALPHA_MIN), 0).exp()]
+        f90 = (f0.amax(1, keepdim=True) + lobe[:, 3:4].square()).clamp(_NOTHING, 1)
+        parts += [f0 / f90, f90, lobe[:, 4:].clamp(math.log(ALPHA_MIN), 0).exp()]
     return torch.cat(parts, 1)

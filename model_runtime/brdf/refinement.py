@@ -167,7 +167,8 @@ def fit_seen(evaluate: Callable[[Tensor], Tensor], specular: Specular = "rgb") -
         rows = off[better]
         states, error, db = states.clone(), error.clone(), db.clone()
         states[rows], db[rows] = refined[better], nearer[better]
-        error[rows] = relative_error(f[rows], refined[better])
+        shows = torrance_sparrow.evaluate(*optics(refined[better].double()), fit_angles().double())
+        error[rows] = relative_error(f[rows], shows)
     return SeenFit(states, error, db)
 
 

@@ -11,11 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..brdf import principled
-from ..channels import ALPHA, KD, KS, WIDTH, clip_planes, optics
+from ..channels import ALPHA, KD, KS, WIDTH, clip_planes, lobe_maps, optics
 from ..contract import COEFFICIENTS_A_FILE
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
-__all__ = ("BYTES", "HALVES", "Curves", "LiveMaps", "Packing")
+__all__ = (
+    "BYTES",
+    "HALVES",
+    "Curves",
+    "LiveMaps",
+    "Packing",
+    "packed_lobes",
+    "unpacked_lobes",
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,12 @@ class Curves:
             height += coefficient[:, None] * _between(shape, age)
         return np.where(age > 0, height[:, 0], 0)
 
+    def alone(self, start: Pixels) -> Curves:
+        """Those that show what was `start` [C], whatever they are given: without a gain."""
+        offset = self.offset.copy()
+        offset[:, :WIDTH] += self.gain[:, :WIDTH] * start
+        return Curves(np.zeros_like(self.gain), offset, self.shapes)
+
     def packed(self) -> Pixels:
         """As an image [3 (2 + R), T, 3], its first row on top: gain, offset and shapes in this
         order, each as three rows: kd, ks and (r, height, 0).
@@ -100,6 +114,20 @@ class Curves:
         return cls(gain, offset, np.reshape(shapes, (-1, *gain.shape)))
 
 
+def packed_lobes(lobes: Pixels) -> Pixels:
+    """Lobes after the first, [K, T, 5] (color, weight, r) at T ages from 0 to 1, as an image
+    [2 K, T, 3]: each as two rows, its color and (weight, r, 0), the second lobe on top.
+    """
+    rows = np.zeros((len(lobes), 2, lobes.shape[1], 3), np.float32)
+    rows[:, 0], rows[:, 1, :, :2] = lobes[..., :3], lobes[..., 3:]
+    return rows.reshape(-1, *rows.shape[2:])
+
+
+def unpacked_lobes(image: Pixels) -> Pixels:
+    """The lobes that `packed_lobes` made `image` of."""
+    return np.concatenate((image[::2], image[1::2, :, :2]), -1)
+
+
 @dataclass(frozen=True)
 class LiveMaps:
     """A live material as its files hold it.
@@ -107,15 +135,21 @@ class LiveMaps:
     timing: [H, W, 3] when a texel's history starts, how fast it runs and the age it has at once; or
         None, where its age is the time
     coefficients: [H, W, R]
+    lobes: [K, T, 5] those after the first (`packed_lobes`), of a measured material; or None
     """
 
     curves: Curves
     timing: Pixels | None
     coefficients: Pixels
+    lobes: Pixels | None = None
 
     def at(self, start: Pixels, time: float) -> Pixels:
-        """States [H, W, C] at `time` in 0..1 of texels that were `start` [H, W, C]."""
+        """States [H, W, C] at `time` in 0..1 of texels that were `start` [H, W, C]; with several
+        lobes, whatever they were.
+        """
         channels = start.shape[2]
+        if self.lobes is not None:
+            start = np.broadcast_to(self.curves.offset[0, :channels], start.shape)
         age = self._local(time)
         state = self.curves.at(
             start.reshape(-1, channels), self.coefficients.reshape(age.size, -1), age.reshape(-1)
@@ -127,6 +161,19 @@ class LiveMaps:
         age = self._local(time)
         flat = self.curves.heights(self.coefficients.reshape(age.size, -1), age.reshape(-1))
         return flat.reshape(age.shape)
+
+    def further(self, time: float) -> dict[str, Pixels]:
+        """The maps (`lobe_maps`) at `time` of lobes after the first."""
+        if self.lobes is None:
+            return {}
+        age = self._local(time)
+        maps = {}
+        names = iter(lobe_maps(1 + len(self.lobes)))
+        for lobe in self.lobes:
+            now = _between(lobe, age.reshape(-1)).reshape(*age.shape, -1)
+            parts = now[..., :3], now[..., 3], np.square(now[..., 4])
+            maps |= {next(names): np.ascontiguousarray(each, np.float32) for each in parts}
+        return maps
 
     def _local(self, time: float) -> Pixels:
         """The age [H, W] of each texel at `time`."""

@@ -1,7 +1,8 @@
 """The files of a live material, beside `aged.json`.
 
 `timing.exr` (absent where the age is the time) is a texture of half floats, `coefficients_0.png
-...`, four coefficients each, of bytes; `curves.exr` is a table of single floats (`Curves.packed`).
+...`, four coefficients each, of bytes; `curves.exr` is a table of single floats (`Curves.packed`),
+as is `lobes.exr`, where there are several (`packed_lobes`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ..channels import REFLECTANCES, optics
 from ..contract import (
     COEFFICIENTS_A_FILE,
     CURVES,
+    LOBES,
     PRINCIPLED_EXACT,
     REPORT,
     TIMING,
@@ -32,7 +34,8 @@ from ..maps import Pixels
 from ..modelling.compose import AgedTexels
 from ..modelling.residues import HEIGHT_PLACE, Residues
 from ..output.stored import StagedResult
-from .evaluate import BYTES, Curves, LiveMaps
+from ..states import with_roughness
+from .evaluate import BYTES, Curves, LiveMaps, packed_lobes, unpacked_lobes
 from .low_rank import MOST_COEFFICIENTS, LowRank
 
 _Value = TypeVar("_Value", np.float16, np.uint8)
@@ -50,6 +53,7 @@ def live_names() -> list[str]:
     return [
         TIMING,
         CURVES,
+        LOBES,
         *map(coefficients_file, range(MOST_COEFFICIENTS // COEFFICIENTS_A_FILE)),
     ]
 
@@ -88,6 +92,11 @@ def write_live(
         files["coefficients"].append(coefficients_file(first // COEFFICIENTS_A_FILE))
         planes = coefficients[first : first + COEFFICIENTS_A_FILE]
         staged.write_bytes(files["coefficients"][-1], _image(planes, size, np.uint8))
+    if aged.further is not None:
+        curves = curves.alone(with_roughness(aged.initial[:1])[0].numpy())
+        files["lobes"] = LOBES
+        lobes = _lobe_curves(aged.further, len(curves.gain))
+        staged.write(LOBES, packed_lobes(lobes), depth="single")
     staged.write(CURVES, curves.packed(), depth="single")
     if format == PRINCIPLED_EXACT and not _representable(found, aged):
         format = TORRANCE_SPARROW
@@ -122,6 +131,14 @@ def _with_residues(curves: Curves, residues: Residues) -> tuple[Curves, Tensor]:
     shapes *= (255 * step)[:, None, None]
     shapes = np.concatenate((curves.shapes, shapes.numpy()))
     return Curves(curves.gain, curves.offset + offset.numpy(), shapes), coefficients
+
+
+def _lobe_curves(further: Tensor, count: int) -> Pixels:
+    """[K, T, 5] with roughness at `count` T even ages of lobes `further` [ages, K, 5]."""
+    lobes = torch.cat((further[..., :4], further[..., 4:].sqrt()), -1)
+    even, own = np.linspace(0, 1, count), np.linspace(0, 1, len(further))
+    curves = [np.interp(even, own, line) for line in lobes.flatten(1).T.numpy()]
+    return np.reshape(curves, (*further.shape[1:], count)).transpose(0, 2, 1).astype(np.float32)
 
 
 def _image(planes: Sequence[Tensor], size: tuple[int, ...], dtype: type[_Value]) -> NDArray[_Value]:
@@ -179,4 +196,8 @@ def read_live(folder: Path) -> LiveMaps:
     timing = read_image(folder / files["timing"], color=True) if "timing" in files else None
     images = [read_bytes(folder / name) for name in files["coefficients"]]
     size, count = tuple(report["size"]), len(curves.shapes)
-    return LiveMaps(curves, timing, BYTES.unpacked(images, size, count, report.get("grain", 0)))
+    lobes = None
+    if "lobes" in files:
+        lobes = unpacked_lobes(read_image(folder / files["lobes"], color=True))
+    coefficients = BYTES.unpacked(images, size, count, report.get("grain", 0))
+    return LiveMaps(curves, timing, coefficients, lobes)

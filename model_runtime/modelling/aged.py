@@ -15,6 +15,7 @@ from ..representation.latents import PAPER_SAMPLES, Latents, Representation
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course
 from .compose import AgedTexels
+from .measured import MeasuredFit, anchored_lobes
 from .palette import Palette, appearance_psnr, build_palette
 from .residues import Residues
 from .rollout import Histories, roll_out
@@ -64,6 +65,7 @@ class Change:
     estimator: of the parameters of latents, where an effort has no fit; without one they are fitted
     specular: "mono" gives all colors one Ks
     measured: latents of the only texel, where a measured BRDF is behind it
+    fit: how lobes show that BRDF
     course: that of texels which have begun already, where these go on instead of beginning
     device: where latents are decoded and fitted; should it fail, `warn` hears and the CPU does it
     warn: hears what the user should know, in sentences
@@ -75,9 +77,15 @@ class Change:
     estimator: ParameterEstimator | None = None
     specular: Specular = "rgb"
     measured: Latents | None = None
+    fit: MeasuredFit | None = None
     course: Course | None = None
     device: torch.device = CPU
     warn: Callable[[str], None] = lambda message: None
+
+    @property
+    def lobed(self) -> Tensor | None:
+        """The fit [1, C + 5 K] of the only texel, where it has several lobes."""
+        return None if self.fit is None or self.fit.further is None else self.fit.lobed.lobed
 
     @property
     def gain(self) -> Tensor:
@@ -101,7 +109,10 @@ class Change:
         residues: what they show beyond their histories, where anything changes
         """
         residues = None if self.rung == CONSTANT else residues
-        texels = AgedTexels(initial, palette, histories, self.gain, onset, rate, residues)
+        further = None if self.fit is None else self.fit.further
+        if further is not None:
+            further = anchored_lobes(further, histories.further, self.gain)
+        texels = AgedTexels(initial, palette, histories, self.gain, onset, rate, residues, further)
         timing = self.ntm.timing
         if onset is not None or timing is None:
             return texels
@@ -188,6 +199,7 @@ class _Rollouts:
             estimator=estimator,
             specular=change.specular,
             measured=change.measured,
+            lobed=change.lobed,
             device=device,
             step=self._step,
         )

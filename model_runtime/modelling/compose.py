@@ -47,6 +47,8 @@ class AgedTexels:
     onset: [n] the time at which each texel's history starts, or None: all at 0
     rate: [n] how fast it then runs, at most 1, or None: 1
     residues: what it shows beyond its history, or None
+    further: [T, K, 5] lobes after the first (`brdf.lobes`) of a measured material, which all texels
+        have alike at each age; or None
 
     A texel of age a = rate max(0, time - onset) is x(a), its entry's history `anchored` to what it
     was, and its residues. Before its onset a texel is the input to the bit.
@@ -59,6 +61,12 @@ class AgedTexels:
     onset: Tensor | None
     rate: Tensor | None = None
     residues: Residues | None = None
+    further: Tensor | None = None
+
+    @property
+    def lobes(self) -> int:
+        """How many a texel has."""
+        return 1 if self.further is None else 1 + self.further.shape[1]
 
     def at(self, time: float) -> Tensor:
         """States [n, C] at `time` in 0..1."""
@@ -81,7 +89,11 @@ class AgedTexels:
         states = torch.einsum("ta,pac->ptc", ages, self.histories.states)
         histories = replace(self.histories, states=states)
         residues = None if self.residues is None else self.residues.averaged(ages)
-        return replace(self, histories=histories, gain=ages @ self.gain, residues=residues)
+        further = self.further
+        if further is not None:
+            further = torch.einsum("ta,akc->tkc", ages, further)
+        gain = ages @ self.gain
+        return replace(self, histories=histories, gain=gain, residues=residues, further=further)
 
     def select(self, rows: Tensor) -> AgedTexels:
         """Only the texels `rows`."""
@@ -117,7 +129,7 @@ class AgedTexels:
 
     @cached_property
     def _timelines(self) -> _Timelines:
-        return _Timelines.of(self.histories.states, self.gain, self.residues)
+        return _Timelines.of(self.histories.states, self.gain, self.residues, self.further)
 
 
 @dataclass(frozen=True)
@@ -128,6 +140,7 @@ class _Timelines:
     gain: [C, ages]
     ages: ages of an entry: the T modeled ones, and the last again to interpolate with
     shapes: [R, C + 1, fine ages] of residues, and height [fine ages]; None without any
+    further: [5 K, ages] of lobes after the first; K is 0 without any
     """
 
     own: Pixels
@@ -135,9 +148,12 @@ class _Timelines:
     ages: int
     shapes: Pixels | None
     height: Pixels | None
+    further: Pixels
 
     @classmethod
-    def of(cls, states: Tensor, gain: Tensor, residues: Residues | None) -> _Timelines:
+    def of(
+        cls, states: Tensor, gain: Tensor, residues: Residues | None, further: Tensor | None
+    ) -> _Timelines:
         own = states - gain * states[:, :1]
         own, gain = (torch.cat((each, each[..., -1:, :]), -2) for each in (own, gain))
         columns = own.flatten(0, 1).T.contiguous(), gain.T.contiguous()
@@ -146,7 +162,9 @@ class _Timelines:
             ages = torch.linspace(0, 1, (len(gain) - 2) * _FINE + 1)
             shapes = residues.shapes_at(ages).transpose(1, 2).contiguous().numpy()
             height = residues.height_at(ages).numpy()
-        return cls(columns[0].numpy(), columns[1].numpy(), len(gain), shapes, height)
+        lobes = torch.zeros(len(gain) - 1, 0) if further is None else further.flatten(1)
+        lobes = torch.cat((lobes, lobes[-1:])).T.contiguous().numpy()
+        return cls(columns[0].numpy(), columns[1].numpy(), len(gain), shapes, height, lobes)
 
 
 @dataclass(frozen=True)
@@ -201,6 +219,19 @@ class AgedBand:
         for own, shapes in self._own(len(age)):
             heights += shapes[HEIGHT_PLACE].take(age, mode="clip") * own
         return heights
+
+    def further(self, time: float | None) -> Pixels:
+        """The numbers [5 K, k] of lobes after the first, likewise; where none has started yet,
+        with None, those of all texels.
+        """
+        if time is None:
+            return np.repeat(self.timelines.further[:, :1], len(self.onset), 1)
+        place = self._place(time)
+        age = np.floor(place)
+        lobes = np.empty((len(self.timelines.further), len(place)), np.float32)
+        for line, result in zip(self.timelines.further, lobes, strict=True):
+            result[:] = _between(line, age.astype(np.intp), place - age)
+        return lobes
 
     def _place(self, time: float) -> Pixels:
         """How many modeled ages have passed, and which part of the next, [k]."""

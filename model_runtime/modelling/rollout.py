@@ -8,20 +8,18 @@ from dataclasses import dataclass
 
 from ..backend import Tensor, nn, torch
 from ..brdf.fit import Fitter, at_a_time, fit_angles
-from ..brdf.measured import MeasuredBRDF
-from ..brdf.refinement import SeenFit, fit_seen
 from ..brdf.torrance_sparrow import evaluate
-from ..channels import KD, KS, REFLECTANCES, optics
+from ..channels import FURTHER, KD, KS, REFLECTANCES, WIDTH, optics
 from ..contract import LSTM_LATENTS, Specular
 from ..device import CPU
-from ..errors import InputError, ModelFileError, shown
-from ..maps import HALF_MAX
+from ..errors import ModelFileError, shown
 from ..representation.estimator import ParameterEstimator
 from ..representation.latents import Latents, Representation
 from ..states import clamped, with_reflectances
 from ..temporal.ntm import NeuralTemporalModel
+from .measured import follow_lobes
 
-__all__ = ("Histories", "fit_measured", "roll_out")
+__all__ = ("Histories", "roll_out")
 
 _BRIGHTEST = 3.0
 _CHUNK = 256
@@ -30,7 +28,8 @@ _CHUNK = 256
 @dataclass(frozen=True)
 class Histories:
     """`states` [P, T, C] of P entries at T ages from 0 to 1, the fit's error, and the `device`
-    that decoded and fitted.
+    that decoded and fitted. `further` [T, K, 5] are the lobes after the first, of a measured
+    material that has such and went through latents.
 
     Where the states went through latents, states[:, 0] is the entry as the representation sees it,
     not the entry itself.
@@ -39,17 +38,7 @@ class Histories:
     states: Tensor
     fit_error: float
     device: str = "cpu"
-
-
-def fit_measured(brdf: MeasuredBRDF, specular: Specular) -> SeenFit:
-    """The state [1, C] of a measured BRDF. Raises InputError where it is beyond what maps hold."""
-    fit = fit_seen(lambda angles: brdf.evaluate(angles)[None], specular)
-    if not bool((fit.states <= HALF_MAX).all()):  # nor NaN
-        raise InputError(
-            f"{shown(brdf.name)} reflects more than half floats hold.",
-            "Choose another measurement, or scale its values.",
-        )
-    return fit
+    further: Tensor | None = None
 
 
 def roll_out(
@@ -62,6 +51,7 @@ def roll_out(
     estimator: ParameterEstimator | None = None,
     specular: Specular = "rgb",
     measured: Latents | None = None,
+    lobed: Tensor | None = None,
     device: torch.device = CPU,
     step: Callable[[float], None] = lambda fraction: None,
 ) -> Histories:
@@ -70,7 +60,8 @@ def roll_out(
     Parameters are rolled out as they are. Latents are encoded from the entries' parameters, or from
     `samples` directions of them where that is given (`measured` are those of the only entry, where
     they are known), rolled out, decoded and fitted at every age, or told by an `estimator`: on
-    `device`, for that is what takes time. `step` hears which share is done.
+    `device`, for that is what takes time. Where that entry has several lobes, about `lobed` [1,
+    C + 5 K], all of these are fitted. `step` hears which share is done.
 
     Raises ModelFileError where the NTM makes states that are not finite, or rolls out other latents
     than those of `representation`.
@@ -83,7 +74,7 @@ def roll_out(
         assert isinstance(decoder, nn.Module)
         decoder.to(device)
         estimator = None if estimator is None else deepcopy(estimator).to(device)
-    parts, errors = [], [0.0]
+    parts, errors, further = [], [0.0], None
     for start, stop in _chunks(len(entries)):
         chunk = entries[start:stop]
         if rung == LSTM_LATENTS:
@@ -94,7 +85,13 @@ def roll_out(
             if _leads_nowhere(flat, chunk):
                 raise _unusable(ntm, "makes latents that are not finite")
             rolled = latents.unflat(flat)
-            if estimator is not None:
+            if lobed is not None:
+                ages = flat.shape[1]
+                states, error = follow_lobes(lobed, rolled, ages, decoder, specular)
+                further = states[0, :, WIDTH:].unflatten(1, (-1, FURTHER))
+                states = states[0, :, :WIDTH]
+                errors.append(error)
+            elif estimator is not None:
                 states = estimator.parameters_of(rolled)
                 states = _mono(states) if specular == "mono" else states
             else:
@@ -109,7 +106,7 @@ def roll_out(
             raise _unusable(ntm, "makes values that are not finite")
         parts.append(_bounded(clamped(states), chunk))
         step(stop / len(entries))
-    return Histories(torch.cat(parts), max(errors), str(device))
+    return Histories(torch.cat(parts), max(errors), str(device), further)
 
 
 def _leads_nowhere(histories: Tensor, entries: Tensor) -> bool:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ..backend import Tensor
 from ..brdf.measured import MeasuredBRDF
-from ..brdf.refinement import SeenFit
 from ..contract import AUTO, FRAMES, PRINCIPLED, TORRANCE_SPARROW, Format
 from ..errors import InputError
 from ..maps import Pixels, PrincipledMaps
@@ -28,6 +27,7 @@ from ..surface.exposure import Exposure
 from ..surface.maps import read_light, read_mask, read_surface, surface_files
 from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.wear import Course, course_of
+from .measured import MeasuredFit
 from .residues import Laid, lay
 from .texels import Texels, exposure_of, grown_timing, initial_states, timing_maps
 
@@ -74,7 +74,7 @@ class Start:
     covered: NDArray[np.bool_] | None
     format: Format
     may_be_live: bool
-    fit: SeenFit | None
+    fit: MeasuredFit | None
     hashes: dict[str, Any]
     apart: tuple[Pixels, Pixels] | None
     course: Course | None

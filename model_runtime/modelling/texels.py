@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ..backend import Tensor, torch
 from ..brdf import principled
 from ..brdf.measured import MeasuredBRDF
-from ..brdf.refinement import SeenFit
 from ..contract import AUTO, EVERYWHERE, AgeRequest, exposure_weights, start_places
 from ..errors import InputError, ModelFileError, shown
 from ..images import read_image
@@ -29,8 +28,8 @@ from ..temporal.ntm import NeuralTemporalModel
 from ..temporal.onset import onset_map, rate_map
 from ..temporal.wear import stains_of
 from .compose import AgedTexels
+from .measured import MeasuredFit, fit_measured
 from .residues import Residues
-from .rollout import fit_measured
 
 __all__ = (
     "Texels",
@@ -46,11 +45,11 @@ _UNIFORM_SIZE = 512
 
 def initial_states(
     material: Material, request: AgeRequest
-) -> tuple[Tensor, tuple[int, int], SeenFit | None]:
+) -> tuple[Tensor, tuple[int, int], MeasuredFit | None]:
     """States [n, C] of all texels at t = 0, the size in texels, and the fit of what is measured."""
     if isinstance(material, MeasuredBRDF):
-        fit = fit_measured(material, request.specular)
-        return fit.states, (1, 1), fit
+        fit = fit_measured(material, request)
+        return fit.lobed.states, (1, 1), fit
     maps = principled.forward(material) if isinstance(material, PrincipledMaps) else material
     if request.specular == "mono" and isinstance(material, TorranceSparrowMaps):
         maps = replace(maps, ks=np.repeat(maps.ks.mean(-1, keepdims=True), 3, -1))

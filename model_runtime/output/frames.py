@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..backend import Tensor, torch
 from ..brdf import principled
+from ..channels import lobe_maps
 from ..contract import (
     FORMATS,
     HEIGHT,
@@ -81,7 +82,7 @@ class FrameMaps:
         planes = self._first.clone()
         for band in self._bands:
             if band.texels.started(time):
-                self._fill(planes, band, band.texels.at(time))
+                self._fill(planes, band, band.texels.at(time), band.texels.further(time))
                 if self._raises:
                     heights = torch.from_numpy(band.texels.heights(time)).half()
                     planes[-1, band.place].index_copy_(0, band.order[: len(heights)], heights)
@@ -131,7 +132,8 @@ class FrameMaps:
     @property
     def _channels(self) -> dict[str, int]:
         """How many channels each map has, in order."""
-        return {**FORMATS[self.format], **({HEIGHT: 1} if self._raises else {})}
+        lobes = lobe_maps(self.aged.lobes)
+        return {**FORMATS[self.format], **lobes, **({HEIGHT: 1} if self._raises else {})}
 
     @cached_property
     def _bands(self) -> list[_Band]:
@@ -158,11 +160,13 @@ class FrameMaps:
         channels = sum(self._channels.values())
         planes = torch.zeros(channels, self.size[0] * self.size[1], dtype=torch.half)
         for band in self._bands:
-            self._fill(planes, band, band.texels.initial)
+            self._fill(planes, band, band.texels.initial, band.texels.further(None))
         return planes
 
-    def _fill(self, planes: Tensor, band: _Band, states: Pixels) -> None:
-        """Put the maps of the first k texels of `band`, aged to `states` [C, k], into `planes`."""
+    def _fill(self, planes: Tensor, band: _Band, states: Pixels, further: Pixels) -> None:
+        """Put the maps of the first k texels of `band`, aged to `states` [C, k] with `further`
+        lobes [5 K, k], into `planes`.
+        """
         k = states.shape[1]
         order = band.order[:k]
         channels = iter(planes[:, band.place])
@@ -171,6 +175,8 @@ class FrameMaps:
         for pixels in maps.values():
             for plane in torch.from_numpy(pixels.reshape(k, -1).T).half():
                 next(channels).index_copy_(0, order, plane)
+        for plane in torch.from_numpy(further).half():
+            next(channels).index_copy_(0, order, plane)
 
 
 @dataclass
@@ -329,15 +335,15 @@ def _most_changed(first: Mapping[str, Halves], last: Mapping[str, Halves]) -> li
     return [int(each.reshape(*each.shape[:2], -1).max(-1).argmax()) for each in changes]
 
 
-def file_names(format: Format, frames: int, *, heights: bool) -> list[str]:
+def file_names(format: Format, frames: int, *, lobes: int, heights: bool) -> list[str]:
     """Every file that a run in `format` may write ("principled-exact" may turn out otherwise), with
-    `heights` those too.
+    those of several `lobes`, and with `heights` those too.
     """
     formats: tuple[Format, ...] = (format,)
     if format == PRINCIPLED_EXACT:
         formats = (format, TORRANCE_SPARROW)
     maps = dict.fromkeys(name for each in formats for name in FORMATS[each])
-    maps |= {HEIGHT: None} if heights else {}
+    maps |= dict.fromkeys(lobe_maps(lobes)) | ({HEIGHT: None} if heights else {})
     return [frame_file(name, k) for name in maps for k in range(frames)]
 
 

@@ -11,7 +11,15 @@ from typing import Any
 
 import bpy
 
-from ...model_runtime.contract import FORMATS, HEIGHT, LIVE, METERS, REPORT, frame_file
+from ...model_runtime.channels import lobe_maps
+from ...model_runtime.contract import (
+    FORMATS,
+    HEIGHT,
+    LIVE,
+    METERS,
+    REPORT,
+    frame_file,
+)
 from ...model_runtime.live.evaluate import BYTES, HALVES, Packing
 from ...model_runtime.output.commit import recover
 from ..errors import MaterialError
@@ -66,8 +74,8 @@ _WORLD = Unit(1.0, of_texture=False)
 
 @dataclass(frozen=True)
 class AgedMaps:
-    """A whole result.  `times` are the ages of the modeled frames, rising from 0 to 1; `height`
-    is None where nothing rises or sinks.
+    """A whole result.  `times` are the ages of the modeled frames, rising from 0 to 1; the maps of
+    further lobes are among them; `height` is None where nothing rises or sinks.
     """
 
     format: str
@@ -84,7 +92,9 @@ class LiveFiles:
     `timing` holds onset, rate and start of each texel (None: all age alike), `coefficients` as
     many in each texture as their `packing` says, the last `grain` of all being grain, `curves` what
     they are multiplied by.
-    With `height` there is a change of it.
+    With `height` there is a change of it.  Of several lobes, those after the first age as
+    `lobe_curves` say, and the result is the measurement that they show, whatever the artist's
+    nodes say.
     """
 
     format: str
@@ -95,6 +105,8 @@ class LiveFiles:
     grain: int = 0
     height: bool = False
     unit: Unit = _WORLD
+    lobes: int = 1
+    lobe_curves: Path | None = None
 
     @property
     def packing(self) -> Packing:
@@ -158,7 +170,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
         data = json.loads(path.read_text(encoding="utf-8"))
         kind, times, files = str(data["format"]), tuple(map(float, data["times"])), data["files"]
         height, width = map(int, data["size"])
-        unit, grain = _unit(data), int(data.get("grain", 0))
+        unit, grain, lobes = _unit(data), int(data.get("grain", 0)), int(data.get("lobes", 1))
     except OSError as error:
         raise MaterialError(f"The result {path} cannot be read.", "Age the material again.") from (
             error
@@ -174,7 +186,10 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
         )
     if data.get("binding") == LIVE:
         live = _live(folder, kind, (height, width), files)
-        return replace(live, grain=grain, height=bool(data.get(HEIGHT)), unit=unit)
+        height = bool(data.get(HEIGHT))
+        if live.lobe_curves is None:
+            lobes = 1
+        return replace(live, grain=grain, height=height, unit=unit, lobes=lobes)
     uniform = (height, width) == (1, 1)
 
     def aged(name: str) -> AgedMap:
@@ -183,7 +198,7 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
     return AgedMaps(
         kind,
         times,
-        tuple(map(aged, FORMATS[kind])),
+        tuple(map(aged, (*FORMATS[kind], *lobe_maps(lobes)))),
         height=aged(HEIGHT) if HEIGHT in files and not uniform else None,
         unit=unit if unit.of_texture else _WORLD,
     )
@@ -199,14 +214,21 @@ def _unit(data: Mapping[str, Any]) -> Unit:
 def _live(folder: Path, kind: str, size: tuple[int, int], files: object) -> LiveFiles:
     match files:
         case {"curves": str(curves), "coefficients": [*coefficients]}:
-            timing = files.get("timing")
+            timing, lobes = files.get("timing"), files.get("lobes")
         case _:
             raise MaterialError(
                 f"The result in {folder} does not say which files its curves and coefficients are.",
                 "Age the material again.",
             )
     paths = [_there(folder / each) for each in (curves, *coefficients)]
-    return LiveFiles(kind, size, timing and _there(folder / timing), tuple(paths[1:]), paths[0])
+    return LiveFiles(
+        kind,
+        size,
+        timing and _there(folder / timing),
+        tuple(paths[1:]),
+        paths[0],
+        lobe_curves=lobes and _there(folder / lobes),
+    )
 
 
 def _there(path: Path) -> Path:

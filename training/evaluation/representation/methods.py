@@ -16,7 +16,7 @@ from model_runtime.brdf.fit import fit_angles
 from model_runtime.brdf.lobes import LobedFit, one_more
 from model_runtime.brdf.refinement import Measurements, fit_seen
 from model_runtime.brdf.views import views
-from model_runtime.channels import WIDTH
+from model_runtime.channels import FURTHER, WIDTH
 from model_runtime.model_files.weights import read_card
 from model_runtime.representation.latents import PAPER_SAMPLES, Latents
 from model_runtime.representation.measured import encode_measured
@@ -296,7 +296,7 @@ class LobesMethod:
         decode = _seconds(lambda: some.evaluate(rows, angles))
         read = len(fit_angles()) + len(views().angles)
         samples, _, encode_ms = self.point(held, Setting(read))
-        numbers = WIDTH + (self.lobes - 1) * lobes.FURTHER
+        numbers = WIDTH + (self.lobes - 1) * FURTHER
         return Cost(
             parameters=numbers,
             latent_dims=numbers,

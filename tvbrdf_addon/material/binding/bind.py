@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
 import bpy
 
+from ....model_runtime.channels import LOBE, MOST_LOBES, lobe_maps
 from ....model_runtime.contract import (
     HEIGHT,
     PRINCIPLED,
@@ -23,7 +24,7 @@ from ..result import AgedMaps, LiveFiles, read_result
 from ..surface_maps.collect import UVMap
 from .edit import Edit
 from .live import Aged, aged_by_shader
-from .relief import with_relief
+from .relief import Show, with_relief
 
 __all__ = ("bind", "bind_stills")
 
@@ -126,7 +127,9 @@ def _relieved(edit: Edit, aged: Aged, distance: float) -> Aged:
 def _maps(edit: Edit, maps: AgedMaps) -> Aged:
     all_maps = (*maps.maps, *((maps.height,) if maps.height is not None else ()))
     return {
-        each.name: partial(edit.show, each, transform=math.sqrt if each.name == "alpha" else None)
+        each.name: partial(
+            edit.show, each, transform=math.sqrt if each.name.endswith("alpha") else None
+        )
         for each in all_maps
     }
 
@@ -167,7 +170,10 @@ def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
     aged["kd"](diffuse.inputs["Color"])
     aged["ks"](glossy.inputs["Color"])
     aged["alpha"](glossy.inputs["Roughness"])
-    surface = _with_transparency(edit, _with_emission(edit, both.outputs[0]))
+    shown = both.outputs[0]
+    for number, lobe in enumerate(_further(aged), start=2):
+        shown = _with_lobe(edit, shown, lobe, normal, f"Lobe {number}", row=2 * number - 2)
+    surface = _with_transparency(edit, _with_emission(edit, shown))
     edit.replace_shader(surface)
     lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
     if not lost:
@@ -176,6 +182,37 @@ def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
         f"“{edit.material.name}” is bound as Diffuse and Glossy BSDF, which leaves out its "
         f"{', '.join(each.removesuffix(' Weight').lower() for each in lost)}."
     ]
+
+
+def _further(aged: Aged) -> Iterator[tuple[Show, ...]]:
+    """What shows color, weight and alpha of each of the lobes after the first."""
+    names = [name for name in lobe_maps(MOST_LOBES) if name in aged]
+    for first in range(0, len(names), len(LOBE)):
+        yield tuple(aged[name] for name in names[first : first + len(LOBE)])
+
+
+def _with_lobe(
+    edit: Edit,
+    surface: bpy.types.NodeSocket,
+    lobe: tuple[Show, ...],
+    normal: Show,
+    name: str,
+    row: int,
+) -> bpy.types.NodeSocket:
+    """`surface` and a metal added, as much of it as its weight says."""
+    metal = edit.layout.add("ShaderNodeBsdfPrincipled", name, column=-1, row=row)
+    metal.distribution = "GGX"
+    metal.inputs["Metallic"].default_value = 1.0
+    weighed = edit.layout.add("ShaderNodeMixShader", f"{name}, Weight", column=-1, row=row + 1)
+    both = edit.layout.add("ShaderNodeAddShader", f"Add {name}", column=-2, row=row)
+    edit.tree.links.new(metal.outputs[0], weighed.inputs[2])
+    edit.tree.links.new(surface, both.inputs[0])
+    edit.tree.links.new(weighed.outputs[0], both.inputs[1])
+    sockets = (metal.inputs["Base Color"], weighed.inputs["Fac"], metal.inputs["Roughness"])
+    for show, socket in zip(lobe, sockets, strict=True):
+        show(socket)
+    normal(metal.inputs["Normal"])
+    return both.outputs[0]
 
 
 _FORMATS = {

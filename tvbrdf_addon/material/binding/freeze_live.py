@@ -24,7 +24,7 @@ from ..reading.read import read
 from ..result import AgedMap, AgedMaps, LiveFiles, read_result, result_folder
 from .bind import bind_stills
 from .freeze import freeze
-from .live import read_curves
+from .live import read_curves, read_lobes
 
 __all__ = ("freeze_live",)
 
@@ -66,6 +66,7 @@ def freeze_live(
         authored = _authored(Path(place), files.size)
     evaluator = _evaluator(files, strength(material, GRAIN) or 0.0)
     stills = principled.in_format(evaluator.aged(authored, age), files.format, authored)
+    stills |= evaluator.further(age)
     if files.height:
         stills[HEIGHT] = evaluator.height(age)
     taken = [Path(bpy.path.abspath(image.filepath)).parent for image in bpy.data.images]
@@ -121,4 +122,5 @@ def _evaluator(files: LiveFiles, grain: float) -> LiveMaps:
         curves=curves,
         timing=None if files.timing is None else read_exr(files.timing),
         coefficients=coefficients,
+        lobes=read_lobes(files),
     )

@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-from ....model_runtime.live.evaluate import Curves
+from ....model_runtime.live.evaluate import Curves, unpacked_lobes
+from ....model_runtime.maps import Pixels
 from ...errors import MaterialError
 from ..live.group import AUTHORED, aged_group, outputs_of
 from ..nodes.strengths import GRAIN
@@ -18,7 +19,7 @@ from ..result import LiveFiles
 from .edit import Edit
 from .relief import Show
 
-__all__ = ("Aged", "aged_by_shader", "read_curves")
+__all__ = ("Aged", "aged_by_shader", "read_curves", "read_lobes")
 
 Aged: TypeAlias = Mapping[str, Show]
 """What lets a socket show a map as it ages, by the map's name."""
@@ -34,6 +35,7 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
         name,
         maps,
         read_curves(maps.curves),
+        read_lobes(maps),
         age=edit.age,
         vector=vector is not None,
         timing_map=edit.timing_map,
@@ -55,3 +57,13 @@ def read_curves(path: Path) -> Curves:
     if rows.shape[0] < 6 or rows.shape[0] % 3 or rows.shape[1] < 2:
         raise MaterialError(f"{path} holds no curves.", "Age the material again.")
     return Curves.unpacked(rows)
+
+
+def read_lobes(maps: LiveFiles) -> Pixels | None:
+    """The curves [K, T, 5] of lobes after the first; None where there are none."""
+    if maps.lobe_curves is None:
+        return None
+    lobes = unpacked_lobes(read_exr(maps.lobe_curves))
+    if len(lobes) != maps.lobes - 1 or lobes.shape[1] < 2:
+        raise MaterialError(f"{maps.lobe_curves} holds no lobes.", "Age the material again.")
+    return lobes

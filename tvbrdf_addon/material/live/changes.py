@@ -16,7 +16,7 @@ from ..result import LiveFiles
 from .formula import Canvas, Number, Numeric, Triple, dot
 from .stops import Array, stops_of
 
-__all__ = ("State", "Texel", "Texture", "changed")
+__all__ = ("State", "Texel", "Texture", "changed", "ramp")
 
 _NONE = (0.0, 0.0, 0.0)
 
@@ -138,12 +138,12 @@ def _ramps(canvas: Canvas, local: Number, curve: Array, most: float, depth: floa
     """
     kd, ks, r = optics(curve + depth)
     level = (curve[:, WIDTH] / most + 1) / 2
-    shown_kd, roughness = _ramp(canvas, local, np.column_stack((kd, r)), "Kd, roughness as alpha")
-    shown_ks, height = _ramp(canvas, local, np.column_stack((ks, level)), "Ks, height as alpha")
+    shown_kd, roughness = ramp(canvas, local, np.column_stack((kd, r)), "Kd, roughness as alpha")
+    shown_ks, height = ramp(canvas, local, np.column_stack((ks, level)), "Ks, height as alpha")
     return _Change(shown_kd, shown_ks, roughness, height)
 
 
-def _ramp(canvas: Canvas, local: Number, curve: Array, label: str) -> tuple[Triple, Number]:
+def ramp(canvas: Canvas, local: Number, curve: Array, label: str) -> tuple[Triple, Number]:
     """A curve [T, 4] as color and alpha."""
     stops = stops_of(curve)
     node = canvas.add("ShaderNodeValToRGB", local, label=label)

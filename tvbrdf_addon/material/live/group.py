@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import bpy
+import numpy as np
 
+from ....model_runtime.channels import lobe_maps
 from ....model_runtime.contract import (
     HEIGHT,
     PRINCIPLED,
@@ -14,11 +16,12 @@ from ....model_runtime.contract import (
     TORRANCE_SPARROW,
 )
 from ....model_runtime.live.evaluate import Curves
+from ....model_runtime.maps import Pixels
 from ...known import image_texture, known
 from ..nodes.strengths import GRAIN
 from ..result import LiveFiles
 from .arrange import arrange
-from .changes import State, Texel, Texture, changed
+from .changes import State, Texel, Texture, changed, ramp
 from .formula import Canvas, Number, Triple, greater, where, where3
 from .mapping import exact_group, forward_group, new_group, read_back_group
 
@@ -55,20 +58,28 @@ def outputs_of(maps: LiveFiles) -> dict[str, str]:
 
     A height is one in the result's unit.
     """
-    return {**_OUTPUTS[maps.format], **({HEIGHT: "Height"} if maps.height else {})}
+    lobes = {name: _lobe_output(name) for name in lobe_maps(maps.lobes)}
+    return {**_OUTPUTS[maps.format], **lobes, **({HEIGHT: "Height"} if maps.height else {})}
+
+
+def _lobe_output(name: str) -> str:
+    """Of "second_alpha" "Second Roughness"."""
+    return name.replace("alpha", "roughness").replace("_", " ").title()
 
 
 def aged_group(
     name: str,
     maps: LiveFiles,
     curves: Curves,
+    lobes: Pixels | None,
     *,
     age: str,
     vector: bool,
     timing_map: str | None,
     load: Callable[[bpy.types.ShaderNodeTexImage, Path], None],
 ) -> bpy.types.NodeTree:
-    """A group called `name` that ages by `maps` and their `curves`.
+    """A group called `name` that ages by `maps` and their `curves`, of a measurement of several
+    lobes also by those of the further `lobes` [K, T, 5].
 
     `age` is the custom property by which an object may have an age of its own. With `vector` an
     input says where the textures are looked up, else the UV map does; `timing_map` names another UV
@@ -104,7 +115,10 @@ def aged_group(
     local = _local_age(canvas, age, maps.timing, timing)
     start = _forward(canvas)
     state, height = changed(canvas, start, local, curves, maps, texture)
-    result = _GIVE[maps.format](canvas, start, state, local)
+    if lobes is None:
+        result = _GIVE[maps.format](canvas, start, state, local)
+    else:
+        result = (*state, *_further(canvas, local, lobes))
     if height is not None:
         with canvas.stage("Flat until something ages"):
             result = (*result, where(greater(local, _HALF_ZERO), height, 0.0))
@@ -112,6 +126,17 @@ def aged_group(
         canvas.give(dict(zip(outputs, result, strict=True)))
     arrange(group)
     return group
+
+
+def _further(canvas: Canvas, local: Number, lobes: Pixels) -> Iterator[Triple | Number]:
+    """Color, weight and roughness of each of the lobes after the first, at the local age."""
+    for number, lobe in enumerate(lobes, start=2):
+        with canvas.stage(f"Lobe {number}"):
+            shown = lobe[:, (0, 1, 2, 4)]
+            color, roughness = ramp(canvas, local, shown, "Color, roughness as alpha")
+            weights = np.repeat(lobe[:, 3:4], 4, 1)
+            _, weight = ramp(canvas, local, weights, "Weight as alpha")
+        yield from (color, weight, roughness)
 
 
 def _add_dead_end(group: bpy.types.NodeTree) -> None:

@@ -9,6 +9,7 @@ import bpy
 
 from ...errors import MaterialError
 from ...known import known, tree_of
+from .ownership import TAG
 from .trace import Principled, input_socket, is_animated, resolve
 
 __all__ = ("Place", "find_principled", "why_not_in_eevee")
@@ -119,10 +120,11 @@ def why_not_in_eevee(place: Place) -> str | None:
 
 
 def _principleds(output: bpy.types.Node) -> Sequence[Place]:
+    """Those of the artist's: lobes of a measurement are ours."""
     return [
         Place(output, shader, groups, share)
         for shader, groups, share in _shaders(output.inputs["Surface"])
-        if isinstance(shader, Principled)
+        if isinstance(shader, Principled) and TAG not in shader
     ]
 
 
