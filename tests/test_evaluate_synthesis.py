@@ -155,6 +155,7 @@ class TestReport:
             (strip,) = (figures[each] for each in figures if each.startswith(f"strip_{name}_"))
             check_strip(strip)
         assert set(report.cases["s3"].after_fit) == {"ours", *METHODS[-4:]}
+        assert set(report.cases["s3"].two_lobes) == set(report.cases["s3"].three_lobes) == {"ours"}
         assert set(report.cases["s4"].true_onset) == {"ours", *METHODS[-4:]}
         assert set(report.cases["s4"].statistics) == set(STATISTICS)
 

@@ -86,18 +86,20 @@ def follow_lobes(
 
 
 def anchored_lobes(further: Tensor, histories: Tensor | None, gain: Tensor) -> Tensor:
-    """Further lobes [T, K, 5] at each age, of a material that has `further` [K, 5] at first.
+    """Further lobes [..., T, K, 5] at each age, of materials that have `further` [..., K, 5] at
+    first.
 
-    As `compose.anchored` has it of states: `histories` [T, K, 5] are those that a representation
-    tells, and what they lack at first lives on as the `gain` [T, C] lets differences live. Where
-    none are told, lobes fade so, and keep their color and width.
+    As `compose.anchored` has it of states: `histories` [..., T, K, 5] are those that a
+    representation tells, and what they lack at first lives on as the `gain` [T, C] lets differences
+    live. Where none are told, lobes fade so, and keep their color and width.
     """
     mean = gain[:, KS].mean(1, keepdim=True)
     if histories is None:
         fading = torch.cat((torch.ones(len(gain), 3), mean, torch.ones(len(gain), 1)), 1)
-        found = fading[:, None] * further
+        found = fading[:, None] * further[..., None, :, :]
     else:
         own = torch.cat((gain[:, KS], mean, gain[:, ALPHA]), 1)
-        found = histories + own[:, None] * (further - histories[:1])
+        missing = further[..., None, :, :] - histories[..., :1, :, :]
+        found = histories + own[:, None] * missing
     colors, alpha = found[..., :4].clamp(0, 1), found[..., 4:].clamp(ALPHA_MIN, 1)
     return torch.cat((colors, alpha), -1)

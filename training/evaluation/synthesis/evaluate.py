@@ -150,6 +150,8 @@ def _result(materials: list[_Material], names: tuple[str, ...]) -> CaseResult:
         curves=mean("score"),
         ceilings=mean("ceiling"),
         after_fit=mean("after_fit"),
+        two_lobes=mean("two_lobes"),
+        three_lobes=mean("three_lobes"),
         true_onset=mean("true_onset"),
         statistics=statistics,
         chosen={name: found.chosen for name, found in ours.items() if found.chosen},

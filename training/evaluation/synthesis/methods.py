@@ -10,11 +10,17 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from model_runtime.brdf import lobes
 from model_runtime.brdf.fit import fit_angles, fit_torrance_sparrow
+from model_runtime.brdf.lobes import LobedFit, following, one_more
+from model_runtime.brdf.refinement import Measurements, fit_seen
+from model_runtime.brdf.views import views
+from model_runtime.channels import FURTHER, WIDTH
 from model_runtime.contract import LADDER, LSTM_LATENTS
 from model_runtime.model_files.weights import ENCODER
 from model_runtime.modelling.aged import Change
 from model_runtime.modelling.compose import AgedTexels, anchored
+from model_runtime.modelling.measured import anchored_lobes
 from model_runtime.modelling.palette import Palette
 from model_runtime.modelling.rollout import roll_out
 from model_runtime.representation import Trained, load_representation
@@ -111,6 +117,36 @@ class Decoded:
         states = torch.cat([fit.parameters() for fit in fits]).unflatten(0, flat.shape[:2])
         start = stage.start[stage.texels[pixels]]
         return clamped(anchored(states, start, gain).transpose(0, 1))
+
+    def lobed(
+        self, stage: Stage, gain: Tensor, frames: list[int], pixels: Tensor, count: int
+    ) -> Tensor:
+        """Radiance [t, E, p, 3] of the rollout as `age` would show it by `count` lobes: fitted to
+        the first frame, followed from frame to frame, and anchored to the former.
+        """
+        first = self._encode(stage, 0, pixels)
+        every = [0, *frames]
+        flat = self._rolled_out(first, stage.frames)[:, every]
+        seen = [self._decode(first, flat[:, k], views().angles) for k in range(len(every))]
+
+        def given(angles: Tensor) -> Tensor:
+            return stage.values(0, pixels, angles)
+
+        fit, measured = LobedFit.of(fit_seen(given)), Measurements.of(given)
+        for _ in range(1, count):
+            fit = one_more(measured, fit)
+        found = following(fit.lobed, seen.__getitem__, len(every), "rgb")
+        gain = gain[every]
+        states = clamped(anchored(found[..., :WIDTH], fit.states, gain))
+        further = found[..., WIDTH:].unflatten(2, (count - 1, FURTHER))
+        further = anchored_lobes(fit.further, further, gain)
+        shown = torch.cat((states, further.flatten(2)), 2)[:, 1:]
+        return stage.sphere.render_decoded(lambda p, a: lobes.evaluate(shown[p], a), pixels)
+
+    def _decode(self, like: Latents, flat: Tensor, angles: Tensor) -> Tensor:
+        """f [p, M, 3] of latents [p, D], laid out as `like`."""
+        parts = flat.split(_TOGETHER)
+        return torch.cat([self.representation.decode(like.unflat(z), angles) for z in parts])
 
     def _rolled_out(self, first: Latents, frames: int) -> Tensor:
         """Latents [p, frames, D]."""

@@ -64,6 +64,8 @@ _CURVES: Kinds = (("curves", ""), ("ceilings", ", ceiling"))
 _EVERY: Kinds = (
     _CURVES[0],
     ("after_fit", ", after the fit"),
+    ("two_lobes", ", after the fit of 2 lobes"),
+    ("three_lobes", ", after the fit of 3 lobes"),
     ("true_onset", ", true onset given"),
     _CURVES[1],
 )
@@ -188,7 +190,8 @@ change the target alone.
 - S1 and S2 are channelwise affine in the initial value: the affine rung solves them, and they say \
 little about a neural model.
 - S3: mixtures of {pairs} (MERL, held out from all encoders); methods with latents are scored as \
-decoded, and after the fit of textures to them.
+decoded, and after the fit of one lobe to them; ours also \
+after that of two and of three, which are followed from one scored frame to the next.
 - S4: the source's onset is known to the ladder, that of the target only under `true onset given`. \
 Of real materials it is estimated, where they have a timing that the first frame does not tell. \
 Without an onset, texels show the mean over the source's timing.

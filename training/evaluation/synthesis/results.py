@@ -63,14 +63,16 @@ def averaged(curves: list[Curve]) -> Curve:
 @dataclass(frozen=True)
 class CaseResult(Result):
     """One case: `curves`, `ceilings` (of the representation alone), `after_fit` (of measured cases,
-    as textures would hold it), `true_onset` and `statistics` (of cases with spots; see
-    `spot_statistics`), by method; `clamped`, the share of the truth's values out of range;
+    as textures would hold it, and of `ours` by `two_lobes` and by `three_lobes`), `true_onset` and
+    `statistics` (of cases with spots; see `spot_statistics`), by method; `clamped`, the share of the truth's values out of range;
     `chosen`, the rung that `ours` took for each material.
     """
 
     curves: Mapping[str, Curve]
     ceilings: Mapping[str, Curve] = field(default_factory=dict)
     after_fit: Mapping[str, Curve] = field(default_factory=dict)
+    two_lobes: Mapping[str, Curve] = field(default_factory=dict)
+    three_lobes: Mapping[str, Curve] = field(default_factory=dict)
     true_onset: Mapping[str, Curve] = field(default_factory=dict)
     statistics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     chosen: Mapping[str, str] = field(default_factory=dict)
@@ -78,7 +80,10 @@ class CaseResult(Result):
 
     def json(self) -> dict[str, Any]:
         """The numbers of every method; the curves in full."""
-        rest = ("ceilings", "after_fit", "true_onset", "statistics", "chosen")
+        rest = (
+            *("ceilings", "after_fit", "two_lobes", "three_lobes"),
+            *("true_onset", "statistics", "chosen"),
+        )
         frames = {
             name: dict(zip(curve.frames, np.round(curve.psnr, 2).tolist(), strict=True))
             for name, curve in self.curves.items()

@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...data.sequences import Sequence
+from ...data.sequences import MixtureSequence, Sequence
 from ..bench.kept import identity, kept, kept_json
 from ..bench.spheres import picture
 from .cases import Case
@@ -29,8 +29,8 @@ _STRIP = 5
 
 @dataclass(frozen=True)
 class Scored:
-    """`curves`: "score", and where there is one "ceiling", "after_fit", "true_onset"; `statistics`
-    as `spot_statistics` gives them; `chosen`, the rung that was used, of `LADDER`.
+    """`curves`: "score", and where there is one "ceiling", "after_fit", that of "two_lobes" and of
+    "three_lobes", and "true_onset"; `statistics` as `spot_statistics` gives them; `chosen`, the rung that was used, of `LADDER`.
     """
 
     curves: dict[str, Curve]
@@ -64,7 +64,8 @@ class Scorer:
     @cached_property
     def _described(self) -> str:
         case = self.case
-        return f"{describe(case.source)} {describe(case.target)} {case.process} {_VERSION}"
+        lobes = " lobes" if isinstance(case.target, MixtureSequence) else ""
+        return f"{describe(case.source)} {describe(case.target)} {case.process} {_VERSION}{lobes}"
 
     def method(self, name: str) -> Method:
         """Trained on the case's source."""
@@ -121,6 +122,11 @@ class Scorer:
             states = method.states(stage, frames, pixels)
             fitted = stage.sphere.render(states, pixels)
             curves["after_fit"] = self._curve(fitted, frames, pixels)
+        if stage.measured and name == "ours" and dear:
+            decoded, gain = method.decoded(), method.ntm.affine.gain
+            for count, kind in enumerate(("two_lobes", "three_lobes"), start=2):
+                shown = decoded.lobed(stage, gain, frames, pixels, count)
+                curves[kind] = self._curve(shown, frames, pixels)
         target = self.case.target
         if isinstance(target, Sequence) and target.onset is not None:
             states = states_with_true_onset(stage, method, frames, pixels)
