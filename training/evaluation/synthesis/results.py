@@ -64,8 +64,8 @@ def averaged(curves: list[Curve]) -> Curve:
 class CaseResult(Result):
     """One case: `curves`, `ceilings` (of the representation alone), `after_fit` (of measured cases,
     as textures would hold it, and of `ours` by `two_lobes` and by `three_lobes`), `true_onset` and
-    `statistics` (of cases with spots; see `spot_statistics`), by method; `clamped`, the share of the truth's values out of range;
-    `chosen`, the rung that `ours` took for each material.
+    `statistics` (of cases with spots; see `spot_statistics`), by method; `clamped`, the share of
+    the truth's values out of range; `chosen`, the rung that `ours` took for each material.
     """
 
     curves: Mapping[str, Curve]

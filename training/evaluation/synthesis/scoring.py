@@ -30,7 +30,8 @@ _STRIP = 5
 @dataclass(frozen=True)
 class Scored:
     """`curves`: "score", and where there is one "ceiling", "after_fit", that of "two_lobes" and of
-    "three_lobes", and "true_onset"; `statistics` as `spot_statistics` gives them; `chosen`, the rung that was used, of `LADDER`.
+    "three_lobes", and "true_onset"; `statistics` as `spot_statistics` gives them; `chosen`, the
+    rung that was used, of `LADDER`.
     """
 
     curves: dict[str, Curve]
