@@ -143,6 +143,16 @@ class TestReport:
         assert stored["machine"]["highest_load"] >= 0
         assert all(f"| {name} |" in tables(report) for name in MEASURED)
 
+    def test_further_lobes_cost_and_gain(self, report):
+        every = [row for row in report.lobes if row["material"] == "ilm_l3_37_dark_green_rgb"]
+        one, two, three = every
+        assert [row["lobes"] for row in every] == [1, 2, 3]
+        assert one["core"] < two["core"] < three["core"]
+        assert two["psnr"] > one["psnr"] + 4
+        assert sum(row["chosen"] for row in report.lobes) == len(report.lobes) / 3
+        (chosen,) = (row for row in every if row["chosen"])
+        assert f"**{chosen['psnr']:.1f} ({chosen['core']:.2f})**" in tables(report)
+
     def test_the_chart_shows_every_point(self, report, tmp_path: Path):
         with saved_figures() as figures:
             draw_chart(report, tmp_path / "pareto.png")

@@ -25,6 +25,7 @@ from ..synthesis.sources import Effort as Learning
 from .chart import draw_chart
 from .exact import Exact, exact_texels
 from .figures import Probes, distinct_texels, each_texel, exact_point, figures, savings
+from .lobes import lobe_rows
 from .probes import large_run, uniform_run, warm_worker
 from .report import tables
 from .results import ParetoReport, Point, point_of, with_fronts
@@ -97,6 +98,7 @@ def evaluate_pareto(
             frames=frames,
         ),
         savings(by_name, probes),
+        bench.once("lobes", partial(lobe_rows, data, pixels=pixels), pixels),
         _machine(max(run.load for each in runs.values() for run in each.values())),
         {
             "size": size,
@@ -176,7 +178,7 @@ class _Bench:
         def in_child(width: int, count: int, binding: str = "frames") -> dict[str, float]:
             run = partial(large_run, first, ntm, size=width, frames=count, beside=folder)
             name = f"large_{width}_{count}_{binding}"
-            return self._once(name, partial(run, binding=binding), first.name)
+            return self.once(name, partial(run, binding=binding), first.name)
 
         uniform = partial(uniform_run, ntm, frames=self.frames, size=size, beside=folder)
         worker = partial(warm_worker, first, ntm, size=size, beside=folder)
@@ -185,13 +187,13 @@ class _Bench:
             frames=frames,
             usual=in_child(size, self.frames),
             live=in_child(max(sizes), self.frames, "live"),
-            worker=self._once("worker", worker, size),
-            uniform=self._once("uniform", uniform, self.frames, size),
-            paper=self._once("paper", truth.paper_seconds),
+            worker=self.once("worker", worker, size),
+            uniform=self.once("uniform", uniform, self.frames, size),
+            paper=self.once("paper", truth.paper_seconds),
         )
 
-    def _once(self, name: str, make: Callable[[], Any], *made_from: object) -> Any:
-        """What `make` gives, kept."""
+    def once(self, name: str, make: Callable[[], Any], *made_from: object) -> Any:
+        """What `make` gives, kept as `name` of `made_from`."""
         of = identity(self.model, f"{name} {made_from}")
         return kept_json(self.folder / f"{name}.json", of, make)
 

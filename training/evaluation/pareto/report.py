@@ -11,9 +11,14 @@ _DEFAULTS = ("draft, live", "balanced, live", "draft", "balanced", "exact")
 
 
 def tables(report: ParetoReport) -> str:
-    """The figures that were asked for, the points and what each saving is worth, in Markdown."""
+    """The figures that were asked for, the points, what each saving is worth and what further lobes
+    do, in Markdown.
+    """
     return "\n\n".join(
-        ("# Speed against accuracy", _figures(report), _points(report), _savings(report))
+        (
+            *("# Speed against accuracy", _figures(report), _points(report), _savings(report)),
+            _lobes(report),
+        )
     )
 
 
@@ -58,6 +63,16 @@ def _point(point: Point) -> list[str]:
 def _savings(report: ParetoReport) -> str:
     rows = [[s.name, s.unit, f"{s.without:,.2f}", f"{s.with_it:,.2f}"] for s in report.savings]
     return table(("saving", "", "without", "with"), rows)
+
+
+def _lobes(report: ParetoReport) -> str:
+    """A row a measured material; what `age` takes is bold."""
+    rows: dict[str, list[str]] = {}
+    for row in report.lobes:
+        cell = f"{row['psnr']:.1f} ({row['core']:.2f})"
+        cells = rows.setdefault(row["material"], [row["material"]])
+        cells.append(f"**{cell}**" if row["chosen"] else cell)
+    return table(("measured: dB (core s)", "1 lobe", "2 lobes", "3 lobes"), rows.values())
 
 
 def _mark(extrapolated: bool) -> str:

@@ -154,13 +154,18 @@ class Saving(Result):
 
 @dataclass(frozen=True)
 class ParetoReport(Result):
-    """All points, figures and savings; on what machine and how they were measured."""
+    """All points, figures and savings, and what further lobes of measured materials cost and gain
+    (`lobe_rows`); on what machine and how they were measured.
+    """
 
-    JSON = tuple((n, None) for n in ("points", "figures", "savings", "machine", "settings"))
+    JSON = tuple(
+        (n, None) for n in ("points", "figures", "savings", "lobes", "machine", "settings")
+    )
 
     points: Sequence[Point]
     figures: Sequence[Figure]
     savings: Sequence[Saving]
+    lobes: Sequence[Mapping[str, Any]]
     machine: Mapping[str, Any]
     settings: Mapping[str, Any] = field(default_factory=dict)
 
