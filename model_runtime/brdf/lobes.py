@@ -40,7 +40,7 @@ __all__ = (
     "one_more",
 )
 
-WORTHWHILE = 1.0
+WORTHWHILE = 0.5
 """dB that a further lobe must gain."""
 
 _ALPHAS = (0.05, 0.2, 0.6)  # from which a further lobe sets out, and the first lobe's
