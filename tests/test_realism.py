@@ -218,8 +218,8 @@ class TestReport:
 @pytest.mark.slow
 def test_relief_and_spots_are_told_beside_what_is_real(data_folder: Path, tmp_path: Path):
     report = evaluate_realism(
-        data_folder, tmp_path, methods=("ours",), targets=("relief", "spots"), size=512, times=5,
-        minutes=0.002,
+        data_folder, tmp_path, methods=("ours", "ode", "same_scan"), size=512, times=5,
+        targets=("relief", "copper", "spots"), minutes=0.002,
     )  # fmt: skip
     stored = json.loads((tmp_path / "realism.json").read_text(encoding="utf-8"))
     assert stored["relief"]["own_half"]["correlation"] > 0.9
@@ -231,6 +231,12 @@ def test_relief_and_spots_are_told_beside_what_is_real(data_folder: Path, tmp_pa
             set(found["apart"]["ours"]) == set(found["spread"]) == {"number", "area", "perimeter"}
         )
         assert len(found["curves"]["ours"]) == 3
-    assert len(report.figures) == 3
-    for name in ("relief.png", "spots.png"):
+    for age in ("0.05", "0.25", "0.5", "0.75", "1"):
+        far = stored["targets"][f"copper_{age}"]["methods"]
+        assert 0 < far["same_scan"]["distance"] < far["ode"]["distance"] < 2
+    assert set(stored["spots"]["copper_patinating"]["apart"]) == {"ours", "ode"}
+    assert stored["costs"]["ours"]["learn"] < stored["costs"]["ode"]["learn"]
+    assert "a picture of 128" in tables(report)
+    assert len(report.figures) == 5
+    for name in ("relief.png", "spots.png", "rival.jpg"):
         assert (tmp_path / name).exists()

@@ -240,6 +240,37 @@ def weathering(
 
 
 @app.command
+def ode(
+    film: Path,
+    output: Path,
+    rows: Literal["upper", "lower", "all"] = "all",
+    resume: bool = False,
+    minutes: float = 60,
+    seed: int = 0,
+    credit: str = "",
+) -> None:
+    """Train the rival that learns a film's textures and starts from noise, to compare with.
+
+    Args:
+        film: an animated image, or a folder of numbered pictures.
+        output: the .safetensors file to write; checkpoints and logs go beside it.
+        rows: which half of the pictures it sees.
+        resume: go on from the checkpoint beside the output.
+        minutes: train about so many minutes of one core.
+        seed: of all random numbers.
+        credit: whose film it is.
+    """
+    from .baselines.ode import train_film
+    from .loop import Run
+
+    _check(minutes, seed)
+
+    told = f"--rows {rows} --minutes {minutes:g} --seed {seed}"
+    run = Run(output, output.with_suffix(".log"), resume, minutes, seed)
+    train_film(film, rows, run, f"python -m training ode --film {film.name} {told}", credit)
+
+
+@app.command
 def evaluate(
     what: tyro.conf.Positional[
         Literal["representation", "synthesis", "pareto", "stability", "realism", "fading", "layers"]

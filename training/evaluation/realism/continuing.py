@@ -1,4 +1,4 @@
-"""One half of a real sequence, aged after the other."""
+"""One half of a real sequence, aged after the other: by ours, and by what starts from noise."""
 
 from __future__ import annotations
 
@@ -18,15 +18,20 @@ from model_runtime.contract import FRAMES, PRINCIPLED, TORRANCE_SPARROW, frame_f
 from model_runtime.images import read_image, write_exr
 from model_runtime.reading.inputs import hash_file
 
+from ...baselines import ode
 from ...data.sequences import Sequence
 from ...metric.texture import encoded
 from ..bench.aging import age_silently
+from ..bench.encoders import WEIGHTS
 from ..bench.kept import identity, kept
 from .aging import Aging, Learned
 from .methods import Array
 from .spots import Lapse, halves_of
 
-__all__ = ("Continued", "continued")
+__all__ = ("CONTINUES", "FROM_NOISE", "Continued", "aged_pictures", "learned_half")
+
+FROM_NOISE = WEIGHTS / "ode.safetensors"
+"""What `training.baselines.ode` learned from the upper half of the copper's film."""
 
 _FILMS = 4
 
@@ -67,6 +72,21 @@ def continued(lapse: Sequence, kind: Lapse, aging: Aging) -> Continued:
     starts = torch.from_numpy(np.ascontiguousarray(start))
     made_from = identity(starts, str(hash_file(learned.path)))
     return _kept(aging.folder / f"continued_{lapse.name}.safetensors", made_from, make)
+
+
+def from_noise(lapse: Sequence, kind: Lapse, aging: Aging) -> Continued:
+    """What learned the same half of the film and starts from noise, as large as the other one."""
+    height, width = halves_of(lapse.kd)[kind.met].shape[1:3]
+
+    def make() -> Array:
+        return ode.play(ode.load_flow(FROM_NOISE), (height, width), lapse.times)
+
+    made_from = identity(str(hash_file(FROM_NOISE)), f"{height} {width}")
+    return _kept(aging.folder / f"from_noise_{lapse.name}.safetensors", made_from, make)
+
+
+CONTINUES = {"ours": continued, "ode": from_noise}
+"""By method; the latter has learned copper alone."""
 
 
 def _kept(path: Path, made_from: str, make: Callable[[], Array]) -> Continued:

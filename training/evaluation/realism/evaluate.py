@@ -22,19 +22,20 @@ from ..synthesis.sources import Effort
 from .aging import Aging, Source, nearest_in_mean
 from .comparing import Comparison, Picture
 from .figures import HALF_WAY, figures_of
+from .film import COPPER, costs_of, film_of
 from .growing import relief_of, spots_of
 from .methods import METHODS, Aged
-from .pictures import draw_chart, draw_relief, draw_sheet, draw_spots
+from .pictures import draw_chart, draw_relief, draw_sheet, draw_spots, draw_strip
 from .report import page
 from .results import Compared, RealismReport, Target
 from .targets import METALS, RUST, RUSTED, SCANS, Half, HalvedScan, read_part, scan_folder
 
 __all__ = ("EVERY", "TARGETS", "evaluate_realism")
 
-EVERY = (*METHODS, "same_scan", "other_scan")
-"""The methods of the report; the last two are real."""
+EVERY = (*METHODS, "ode", "same_scan", "other_scan")
+"""The methods of the report; `ode` has learned copper alone, the last two are real."""
 
-TARGETS = (*SCANS, *METALS, "rusts", "relief", "spots")
+TARGETS = (*SCANS, *METALS, COPPER, "rusts", "relief", "spots")
 
 _RUST = "rust"
 _RUSTED = "Metal022"
@@ -45,7 +46,7 @@ Shown = dict[str, Picture]
 
 @dataclass
 class _Bench:
-    """What all targets share; `sheets` are pictures by name and row."""
+    """What all targets share; `sheets` are pictures by name and row, `strip` the film's by age."""
 
     data: Path
     aging: Aging
@@ -53,6 +54,7 @@ class _Bench:
     names: tuple[str, ...]
     size: int
     sheets: dict[str, dict[str, Shown]] = field(default_factory=dict)
+    strip: dict[str, Shown] = field(default_factory=dict)
     _scans: dict[str, HalvedScan] = field(default_factory=dict)
 
     def scan(self, name: str) -> HalvedScan:
@@ -108,23 +110,28 @@ def evaluate_realism(
     rusts: Mapping[str, Mapping[str, float]] = {}
     relief: Mapping[str, Any] = {}
     spots: Mapping[str, Any] = {}
+    costs: Mapping[str, Any] = {}
     for name in tqdm(wanted, desc="targets", unit=" target"):
         if name == "rusts":
             rusts = _rusts(bench)
         elif name == "relief":
             relief = relief_of(bench.scan("PaintedMetal007"), aging)
         elif name == "spots":
-            spots = spots_of(data, aging)
+            spots = spots_of(data, aging, names)
+        elif name == COPPER:
+            found |= _film(bench)
+            costs = costs_of(data, aging, (size // 4, size)) if "ode" in names else {}
         else:
             found |= _scan(bench, name) if name in SCANS else _metal(bench, name)
     settings = {"size": size, "times": times, "methods": list(names)}
     spent = time.perf_counter() - start
     figures = figures_of(found, relief, spots)
-    report = RealismReport(figures, found, rusts, relief, spots, settings, spent)
+    report = RealismReport(figures, found, rusts, relief, spots, costs, settings, spent)
     output.mkdir(parents=True, exist_ok=True)
     drawn = [draw_chart(report, output)]
     drawn += [draw_relief(relief, output)] if relief else []
     drawn += [draw_spots(spots, output)] if spots else []
+    drawn += [draw_strip(bench.strip, output)] if bench.strip else []
     drawn += [draw_sheet(name, rows, output) for name, rows in bench.sheets.items()]
     write_report(output, "realism", page(report, drawn), report)
     return report
@@ -192,6 +199,19 @@ def _rusts(bench: _Bench) -> dict[str, dict[str, float]]:
             for second, (_, right) in halves.items()
         }
         for first, (left, _) in halves.items()
+    }
+
+
+def _film(bench: _Bench) -> dict[str, Target]:
+    """The lower half of copper's film at its ages, but for the first picture, which ours begins
+    with.
+    """
+    bench.strip = film_of(bench.data, bench.aging, bench.names)
+    return {
+        f"{COPPER}_{age}": bench.target(
+            row["truth"], {name: each for name, each in row.items() if name != "truth"}, None
+        )
+        for age, row in list(bench.strip.items())[1:]
     }
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .film import COPPER
 from .results import Figure, Target
 from .targets import METALS, RUST, SCANS
 
@@ -30,6 +31,7 @@ def figures_of(
     return (
         *_scans(targets),
         *_rust(targets),
+        *_film(targets),
         *(_relief(relief) if relief else ()),
         *_spots(spots),
         *_learning(targets),
@@ -76,6 +78,19 @@ def _rust(targets: Mapping[str, Target]) -> Iterator[Figure]:
             yield Figure(title, f"<= {most:.2f}", text, found[worst] <= most)
 
 
+def _film(targets: Mapping[str, Target]) -> Iterator[Figure]:
+    """The mean over the ages of the film that was continued."""
+    aged = [target for name, target in targets.items() if name.startswith(f"{COPPER}_")]
+    if not aged or _OURS not in aged[0].methods:
+        return
+    mean = {
+        name: float(np.mean([target.methods[name].distance for target in aged]))
+        for name in aged[0].methods
+    }
+    text = f"{mean.pop(_OURS):.3f}; " + ", ".join(f"{name} {far:.3f}" for name, far in mean.items())
+    yield Figure("half of copper's film, mean over its ages", "", text, None)
+
+
 def _relief(relief: Mapping[str, Any]) -> Iterator[Figure]:
     alike, lip = relief["correlation"], relief["lip"]
     asked = f"correlation >= {_RELIEF:g}, a lip before the drop"
@@ -90,14 +105,15 @@ def _relief(relief: Mapping[str, Any]) -> Iterator[Figure]:
 
 def _spots(spots: Mapping[str, Any]) -> Iterator[Figure]:
     for name, found in spots.items():
-        parts = [
-            f"{what} {apart:.2f} (own halves {found['spread'][what]:.2f})"
-            for what, apart in found["apart"].items()
-        ]
-        met = all(found["apart"][what] <= most for what, most in found["spread"].items())
-        yield Figure(
-            f"spots over time, {name}", "inside the spread of its own halves", ", ".join(parts), met
-        )
+        for method, far in found["apart"].items():
+            parts = [
+                f"{what} {apart:.2f} (own halves {found['spread'][what]:.2f})"
+                for what, apart in far.items()
+            ]
+            met = all(far[what] <= most for what, most in found["spread"].items())
+            asked = "inside the spread of its own halves" if method == _OURS else ""
+            title = f"spots over time, {name}" + ("" if method == _OURS else f", {method}")
+            yield Figure(title, asked, ", ".join(parts), met if method == _OURS else None)
 
 
 def _learning(targets: Mapping[str, Target]) -> Iterator[Figure]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ...metric.texture import encoded
 from .aging import Aging, Source
-from .continuing import continued
+from .continuing import CONTINUES
 from .methods import Aged, Array
 from .relief import BINS, Profile, compare_profiles, profile, weathered
 from .spots import LAPSES, apart, halves_of, read_lapse, spot_curves, spread
@@ -63,22 +64,25 @@ def _profile_of(aged: Aged, clean: Array, gone: Array, share: float) -> Profile 
     return profile(aged.heights[k], masks[k], wraps=False)
 
 
-def spots_of(data: Path, aging: Aging) -> dict[str, Any]:
+def spots_of(data: Path, aging: Aging, names: Collection[str]) -> dict[str, Any]:
     """By real sequence: curves of spots over time in the half that is to be met, in the one that is
-    learned from, and in what ours makes of the first picture of the former; how far ours is `apart`
-    from the truth, by statistic, and how far the sequence's own halves are (`spread`).
+    learned from, and in what those of the methods `names` make that can; how far these are `apart`
+    from the truth, by method and statistic, and how far the sequence's own halves are (`spread`).
     """
     found: dict[str, Any] = {}
     for name, kind in LAPSES.items():
         lapse = read_lapse(data, name)
         pictures = encoded(lapse.kd)
         first, last = (kind.seen(pictures[k]).mean((0, 1)) for k in (0, -1))
-        every = {**halves_of(pictures), "ours": continued(lapse, kind, aging).pictures}
+        every = halves_of(pictures)
+        methods = [each for each in CONTINUES if each in names and (kind.filmed or each == "ours")]
+        every |= {each: CONTINUES[each](lapse, kind, aging).pictures for each in methods}
         curves = {each: spot_curves(kind.seen(some), first, last) for each, some in every.items()}
-        shown = {"met": curves[kind.met], "learned": curves[kind.learned], "ours": curves["ours"]}
+        shown = {"met": curves[kind.met], "learned": curves[kind.learned]}
+        shown |= {each: curves[each] for each in methods}
         found[name] = {
             "curves": {each: values.tolist() for each, values in shown.items()},
-            "apart": apart(curves["ours"], curves[kind.met]),
+            "apart": {each: apart(curves[each], curves[kind.met]) for each in methods},
             "spread": spread(curves, kind.cuts),
         }
     return found

@@ -16,7 +16,7 @@ from .comparing import Picture
 from .results import RealismReport
 from .spots import STATISTICS
 
-__all__ = ("draw_chart", "draw_relief", "draw_sheet", "draw_spots")
+__all__ = ("draw_chart", "draw_relief", "draw_sheet", "draw_spots", "draw_strip")
 
 _LOOKS: Mapping[str, Look] = {
     "ours": LOOKS["ours"],
@@ -24,6 +24,7 @@ _LOOKS: Mapping[str, Look] = {
     "crossfade": Look("cross-fade", "#999999"),
     "stt": LOOKS["stt"],
     "paper": LOOKS["paper"],
+    "ode": Look("from noise", "#CC79A7"),
     "same_scan": Look("same scan", "#000000", "_"),
     "other_scan": Look("another scan", "#8B5A2B", "_"),
 }
@@ -104,15 +105,25 @@ def draw_relief(relief: Mapping[str, Any], folder: Path) -> Path:
 def draw_spots(spots: Mapping[str, Any], folder: Path) -> Path:
     """Number, area and perimeter over time, a row a sequence."""
     figure, axes = panels(3 * len(spots), 3, (10, 2.8))
-    colors = {"met": "#000000", "learned": "#999999", "ours": LOOKS["ours"].color}
+    colors = {"met": "#000000", "learned": "#999999"}
     for i, (name, found) in enumerate(spots.items()):
         for j, statistic in enumerate(STATISTICS):
             ax = axes[3 * i + j]
             grid(ax, f"{name}: {statistic}", "time")
             for side, curves in found["curves"].items():
                 time = np.linspace(0, 1, len(curves[j]))
-                ax.plot(time, curves[j], color=colors[side], label=side)
-    axes[0].legend(fontsize=8)
+                ax.plot(time, curves[j], color=colors.get(side) or _LOOKS[side].color, label=side)
+    axes[-1].legend(fontsize=8)
     path = folder / "spots.png"
     save(figure, path)
+    return path
+
+
+def draw_strip(rows: Mapping[str, Mapping[str, Picture]], folder: Path) -> Path:
+    """Age to the right, the truth and each method that continues it below each other."""
+    methods = [name for name in ("truth", "ours", "ode") if name in next(iter(rows.values()))]
+    strip = [np.concatenate([shown[name].pixels for shown in rows.values()], 1) for name in methods]
+    pixels = np.rint(255 * np.concatenate(strip).clip(0, 1)).astype(np.uint8)
+    path = folder / "rival.jpg"
+    Image.fromarray(pixels).save(path, quality=80)
     return path

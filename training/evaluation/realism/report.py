@@ -26,6 +26,9 @@ of what is weathered in the right half; *same_scan* is the like of the left half
 of Metal022.
 - **Rusts**: how far what is rust in the left half of one scan is from that in the right half of \
 another, or its own.
+- **copper**: the upper half of a film is learned from, the first picture of the lower half aged \
+(*ode* starts from noise), and each picture held against that of the film which its mean color is \
+nearest to; *same_scan* is the upper half at that moment. Ages are shares of the film's time.
 - *ours* is `training learn` and `age`; *ours_v1* are the formulas that the models of the release \
 before had learned, themselves; *crossfade* fades to the source's mean weathered color; *stt* and \
 *paper* learn from the sequence that `training scan` writes, in which neighbors are no neighbors; \
@@ -44,7 +47,8 @@ def tables(report: RealismReport) -> str:
     """The figures that were asked for, and the distances of all methods, in Markdown."""
     rows = [[f.name, f.asked, f.measured, _MARKS[f.met]] for f in report.figures]
     figures = table(("figure", "asked", "measured", "met"), rows)
-    return "\n\n".join(filter(None, (figures, _distances(report), _rusts(report))))
+    parts = (figures, _distances(report), _rusts(report), _costs(report))
+    return "\n\n".join(filter(None, parts))
 
 
 def _distances(report: RealismReport) -> str:
@@ -63,3 +67,13 @@ def _rusts(report: RealismReport) -> str:
         for name, others in report.rusts.items()
     ]
     return table(("rust of", *report.rusts), rows) if rows else ""
+
+
+def _costs(report: RealismReport) -> str:
+    rows, names = [], ()
+    for method, costs in report.costs.items():
+        played = {name: seconds for name, seconds in costs.items() if name.startswith("picture_")}
+        names = tuple(f"a picture of {name.removeprefix('picture_')}, s" for name in played)
+        seconds = [f"{each:.2f}" for each in played.values()]
+        rows.append([method, f"{costs['learn']:.0f}", *seconds, f"{costs['bytes'] / 1e6:.2f}"])
+    return table(("copper", "learn, s", *names, "file, MB"), rows) if rows else ""

@@ -62,12 +62,12 @@ class Figure(Result):
 @dataclass(frozen=True)
 class RealismReport(Result):
     """By name: targets; how far scans of rust are from each other; what relief and spots were found
-    to be.
+    to be; what copper's film costs methods to learn and to play.
     """
 
     JSON = (
         *(("figures", None), ("targets", None), ("rusts", 3), ("relief", 3), ("spots", 3)),
-        *(("settings", None), ("seconds", 1)),
+        *(("costs", 3), ("settings", None), ("seconds", 1)),
     )
 
     figures: tuple[Figure, ...]
@@ -75,5 +75,6 @@ class RealismReport(Result):
     rusts: Mapping[str, Mapping[str, float]]
     relief: Mapping[str, Any]
     spots: Mapping[str, Any]
+    costs: Mapping[str, Any]
     settings: Mapping[str, Any]
     seconds: float = field(default=0.0)
