@@ -36,7 +36,7 @@ _PICTURES = 9  # of which the cost of one is told
 
 def film_of(data: Path, aging: Aging, names: Collection[str]) -> dict[str, dict[str, Picture]]:
     """By age of the film: the truth, and of those `names` that continue it the picture with the
-    truth's mean color.
+    truth's mean color; *ode* has learned the film's own time, and is shown at that.
     """
     kind, lapse = LAPSES[_NAME], read_lapse(data, _NAME)
     halves = halves_of(encoded(lapse.kd))
@@ -54,7 +54,7 @@ def film_of(data: Path, aging: Aging, names: Collection[str]) -> dict[str, dict[
         now = round(age * (len(truth) - 1))
         row = {"truth": Picture(truth[now])}
         for name, each in pictures.items():
-            k = nearest_in_mean(each, truth[now])
+            k = now if name == "ode" else nearest_in_mean(each, truth[now])
             row[name] = Picture(each[k], k / (len(each) - 1), seconds.get(name))
         if "same_scan" in names:
             row["same_scan"] = Picture(learned[now])

@@ -27,8 +27,8 @@ of Metal022.
 - **Rusts**: how far what is rust in the left half of one scan is from that in the right half of \
 another, or its own.
 - **copper**: the upper half of a film is learned from, the first picture of the lower half aged \
-(*ode* starts from noise), and each picture held against that of the film which its mean color is \
-nearest to; *same_scan* is the upper half at that moment. Ages are shares of the film's time.
+(*ode* starts from noise), and at each age the picture with the film's mean color is held against \
+the film; *ode* and *same_scan*, the upper half, are taken at that moment. Ages are shares of time.
 - *ours* is `training learn` and `age`; *ours_v1* are the formulas that the models of the release \
 before had learned, themselves; *crossfade* fades to the source's mean weathered color; *stt* and \
 *paper* learn from the sequence that `training scan` writes, in which neighbors are no neighbors; \
