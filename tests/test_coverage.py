@@ -105,7 +105,7 @@ def test_an_island_is_judged_as_if_it_were_alone(tmp_path):
     assert whole["temporal_model"] == light["temporal_model"] == own
     assert whole["palette"] == pytest.approx(light["palette"], abs=3)
     assert "unlike anything" in " ".join(bare["warnings"])
-    assert "instead of 1,024" in " ".join(whole["plan"])
+    assert "for all 1,024" in " ".join(whole["plan"])
     assert "Coverage.exr" in whole["hashes"]["input"]
 
 
