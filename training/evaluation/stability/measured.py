@@ -17,9 +17,11 @@ from torch import Tensor
 
 from model_runtime.brdf import merl, torrance_sparrow
 from model_runtime.brdf.half_angle import above_horizon, cosines
+from model_runtime.brdf.lobes import evaluate
 from model_runtime.brdf.measured import MeasuredBRDF
-from model_runtime.channels import optics
-from model_runtime.contract import EVERYWHERE, TORRANCE_SPARROW, AgeRequest
+from model_runtime.channels import lobe_maps
+from model_runtime.contract import EVERYWHERE, TORRANCE_SPARROW, AgeRequest, frame_file
+from model_runtime.images import read_image
 from model_runtime.representation import Trained
 from model_runtime.representation.measured import encode_measured
 
@@ -84,11 +86,16 @@ def held_by_the_product(
         request = AgeRequest(
             source, str(ntm), output, frames=2, onset=EVERYWHERE, format=TORRANCE_SPARROW
         )
-        said = age_silently(request)["warnings"]
-        states = read_states(output, 1)
+        told = age_silently(request)
+        maps = lobe_maps(told["lobes"])
+        further = (
+            read_image(output / frame_file(name, 0), color=channels > 1).reshape(1, channels)
+            for name, channels in maps.items()
+        )
+        lobed = torch.cat((read_states(output, 1), *map(torch.from_numpy, further)), 1)
     truth = sphere.render(lambda angles: brdf.evaluate(angles)[None])
-    shown = sphere.render(lambda angles: torrance_sparrow.evaluate(*optics(states), angles))
-    return float(psnr(truth, shown).mean()), tuple(said)
+    shown = sphere.render(lambda angles: evaluate(lobed, angles))
+    return float(psnr(truth, shown).mean()), tuple(told["warnings"])
 
 
 def _table(brdf: MeasuredBRDF) -> NDArray[np.float64]:
