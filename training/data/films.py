@@ -11,7 +11,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 __all__ = ("fresnel", "ground_under", "seen_through")
 
@@ -52,10 +52,10 @@ def ground_under(body: Array, ior: float) -> Array:
     return body / (1 - back[0] * (1 - body))
 
 
-def seen_through(ground: Array, depth: ArrayLike, ior: float) -> Array:
+def seen_through(ground: Array, depth: Array | float, ior: float) -> Array:
     """How a `ground` [...] looks under a film of this optical depth straight through (`depth`
     broadcasts), of what the boundary lets in: 0 to 1.
     """
-    crosses, back = (np.interp(depth, _DEPTHS, values) for values in _crossings(ior))
+    crosses, back = (np.interp(np.asarray(depth), _DEPTHS, each) for each in _crossings(ior))
     _, (inner, *_) = _crossings(ior)
     return crosses**2 * (1 - inner) * ground / (1 - back * ground)
