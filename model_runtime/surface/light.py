@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..resampling import resize
 from .atlas import Atlas
 from .exposure import BLOCKED, SOUGHT
-from .seams import Seen
 from .timing import WHITE, SurfaceTiming
 
 __all__ = ("lit_timing",)
@@ -54,7 +53,7 @@ def lit_timing(
         "area": round(float(atlas.area.sum(dtype=np.float64)), 9),
         "light": round(float(np.average(light, weights=atlas.area)), 4),
     }
-    return SurfaceTiming(onset, rate, Seen.of(atlas, rate * (1 - onset)).seam_ratio(), account)
+    return SurfaceTiming(onset, rate, None, account)  # light breaks at edges, seams or not
 
 
 def _quantile(values: Array, area: Array, share: float) -> float:
