@@ -21,7 +21,7 @@ PYTEST_ARGS ?=
 # A Python with all of requirements.txt whose torch uses a GPU; that of .venv does not.
 GPU_PYTHON ?=
 # What `age` promises, tried without torch too.
-AGING = $(patsubst %,tests/test_%.py,age age_models cli coverage grain_files grained_runs \
+AGING = $(patsubst %,tests/test_%.py,age age_measured age_models cli coverage grain_files grained_runs \
     look model_files output serve surface_age timing_apart wear)
 
 # pyright would ask PyPI each time whether there is a newer one.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,8 +71,8 @@ def test_a_clear_film_changes_nothing_and_a_deep_one_pale_grounds_most():
     assert (kept[0] > kept[1]).all() and (kept[1] > kept[2]).all()
 
 
-def test_the_law_of_films_is_nearer_to_walks_than_crossing_twice():
-    report = evaluate_layers(walks=1)
+def test_the_law_of_films_is_nearer_to_walks_than_crossing_twice(tmp_path: Path):
+    report = evaluate_layers(tmp_path, walks=1)
     aged = [row for row in report.rows if row.age > 0]
     for row in aged:
         assert min(row.film) > 29
@@ -79,3 +80,4 @@ def test_the_law_of_films_is_nearer_to_walks_than_crossing_twice():
     clear = next(row for row in report.rows if row.age == 0)
     assert clear.film == clear.multiplied
     assert table(report).count("\n") == 1 + len(report.rows)
+    assert (tmp_path / "layers.md").read_text() == table(report) + "\n"

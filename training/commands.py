@@ -298,12 +298,12 @@ def evaluate(
     """
     from .data.location import data_folder
 
+    if what in ("pareto", "fading", "layers") and (methods or cases):
+        raise UsageError(f"{what.capitalize()} takes all.", "Leave out --methods and --cases.")
     if what == "pareto":
         from .evaluation.pareto.evaluate import evaluate_pareto
         from .evaluation.pareto.report import tables
 
-        if methods or cases:
-            raise UsageError("Pareto takes all.", "Leave out --methods and --cases.")
         report = evaluate_pareto(data_folder(), output, pixels=pixels)
         table = tables(report)
     elif what == "representation":
@@ -327,7 +327,7 @@ def evaluate(
         from .evaluation.layers.evaluate import evaluate_layers
         from .evaluation.layers.evaluate import table as layers_table
 
-        report = evaluate_layers()
+        report = evaluate_layers(output)
         table = layers_table(report)
     elif what == "fading":
         from .evaluation.fading.evaluate import evaluate_fading

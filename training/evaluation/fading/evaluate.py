@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -26,7 +25,9 @@ from model_runtime.temporal.ntm import NeuralTemporalModel
 
 from ...data.kinetics import history
 from ...data.weathering_states import absorption, reflectance
-from ..bench.charts import grid
+from ..bench import results
+from ..bench.charts import grid, save
+from ..bench.results import Result, image, write_report
 
 __all__ = ("FadingReport", "evaluate_fading", "table")
 
@@ -42,10 +43,12 @@ _COLORS = ("#E69F00", "#CC79A7", "#D55E00", "#7A1F1F")
 
 
 @dataclass(frozen=True)
-class Faded:
+class Faded(Result):
     """Of one concentration: K/S of the dye [T] at evenly spaced doses, as a share of the first, the
     rate of the straight line through its logarithm, and how far it lies from that at most.
     """
+
+    JSON = (("concentration", None), ("left", None), ("rate", None), ("off", None))
 
     concentration: float
     left: list[float]
@@ -64,17 +67,16 @@ class Faded:
 
 
 @dataclass(frozen=True)
-class FadingReport:
+class FadingReport(Result):
     """By what made them, `formulas` and `model`, a result for each concentration."""
+
+    JSON = (("methods", None),)
 
     methods: dict[str, list[Faded]]
 
-    def json(self) -> dict[str, Any]:
-        return {name: [vars(each) for each in found] for name, found in self.methods.items()}
-
 
 def evaluate_fading(output: Path) -> FadingReport:
-    """Writes the chart `fading.png` to a folder, and returns what it shows."""
+    """Writes `fading.json`, `.md` and the chart that it shows to a folder."""
     bodies = np.array([reflectance(_WHITE + c * _RED) for c in _CONCENTRATIONS], np.float32)
     kd = bodies * (1 - _KS)
     representation, identity = load_representation()
@@ -92,19 +94,22 @@ def evaluate_fading(output: Path) -> FadingReport:
         }
     )
     output.mkdir(parents=True, exist_ok=True)
-    _chart(report).savefig(output / "fading.png", dpi=110)
+    save(_chart(report), output / "fading.png")
+    write_report(output, "fading", [table(report), image("fading.png", "dye left by dose")], report)
     return report
 
 
 def table(report: FadingReport) -> str:
     """A row a concentration: rates, and how far the curves lie from straight lines."""
-    lines = ["| K/S at first | | rate | off the line, share of the dye |", "|---|---|---|---|"]
-    for name, found in report.methods.items():
-        lines += [f"| {each.concentration} | {name} | {each.rate} | {each.off} |" for each in found]
+    rows = [
+        [f"{each.concentration}", name, f"{each.rate}", f"{each.off}"]
+        for name, found in report.methods.items()
+        for each in found
+    ]
     for name, found in report.methods.items():
         rates = [each.rate for each in found]
-        lines.append(f"| all | {name} | {min(rates)} to {max(rates)} | |")
-    return "\n".join(lines)
+        rows.append(["all", name, f"{min(rates)} to {max(rates)}", ""])
+    return results.table(["K/S at first", "", "rate", "off the line, share of the dye"], rows)
 
 
 def _chart(report: FadingReport) -> Figure:

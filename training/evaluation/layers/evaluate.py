@@ -8,8 +8,8 @@ so that what differs is the color below. The ground is matte, the boundary gloss
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -19,6 +19,8 @@ from torch import Tensor
 from model_runtime.brdf.views import other_views, psnr_of
 
 from ...data.films import ground_under, seen_through
+from ..bench import results
+from ..bench.results import Result, write_report
 from .walks import Film, Ground, boundary, evaluate_stack
 
 __all__ = ("LayersReport", "evaluate_layers", "table")
@@ -41,8 +43,10 @@ _MATTE = 0.5
 
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Result):
     """PSNR in dB of each law, by ground, under a film of this alpha at this share of the depth."""
+
+    JSON = (("alpha", None), ("age", None), ("multiplied", 1), ("film", 1))
 
     alpha: float
     age: float
@@ -51,20 +55,27 @@ class Compared:
 
 
 @dataclass(frozen=True)
-class LayersReport:
+class LayersReport(Result):
+    """A row a film; dB are of the `grounds` in order."""
+
+    JSON = (("grounds", None), ("rows", None))
+
     rows: list[Compared]
-
-    def json(self) -> dict[str, Any]:
-        return {"grounds": [*_GROUNDS], "rows": [asdict(each) for each in self.rows]}
+    grounds: tuple[str, ...] = tuple(_GROUNDS)
 
 
-def evaluate_layers(*, walks: int = _WALKS) -> LayersReport:
-    """All grounds under films of all ages, by so many `walks` a pair of directions."""
+def evaluate_layers(output: Path, *, walks: int = _WALKS) -> LayersReport:
+    """All grounds under films of all ages, by so many `walks` a pair of directions; writes
+    `layers.json` and `.md` to a folder.
+    """
     generator = torch.Generator().manual_seed(_SEED)
     bodies = np.array([*_GROUNDS.values()])
-    return LayersReport(
+    report = LayersReport(
         [_compared(bodies, alpha, age, walks, generator) for alpha in _ROUGHNESS for age in _AGES]
     )
+    output.mkdir(parents=True, exist_ok=True)
+    write_report(output, "layers", [table(report)], report)
+    return report
 
 
 def _compared(
@@ -97,10 +108,10 @@ def _compared(
 
 def table(report: LayersReport) -> str:
     """A row a film: dB of each ground by each law."""
-    heads = [f"{name}: multiplied, film" for name in _GROUNDS]
-    lines = [" | ".join(("| alpha", "age", *heads)) + " |", "|---" * (2 + len(heads)) + "|"]
+    rows = []
     for row in report.rows:
         pairs = zip(row.multiplied, row.film, strict=True)
         cells = (f"{m}, **{f}**" if f > m else f"{m}, {f}" for m, f in pairs)
-        lines.append(" | ".join((f"| {row.alpha}", f"{row.age}", *cells)) + " |")
-    return "\n".join(lines)
+        rows.append([f"{row.alpha}", f"{row.age}", *cells])
+    heads = [f"{name}: multiplied, film" for name in report.grounds]
+    return results.table(["alpha", "age", *heads], rows)
