@@ -22,7 +22,7 @@ from model_runtime.representation import load_representation
 from model_runtime.temporal.models import Affine
 from model_runtime.temporal.ntm import NeuralTemporalModel
 from tests.aging import run, write_torrance_sparrow
-from tests.trainings import equal, kill_at
+from tests.trainings import CARD, equal, kill_at
 from training import ntm
 from training.checkpoint import DivergedError
 from training.data import weathering
@@ -31,14 +31,6 @@ from training.ntm import NTMConfig, train_ntm
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-CARD = {
-    "name": "moss",
-    "title": "Moss",
-    "description": "Grows",
-    "process": "rust",
-    "source": "made up",
-    "license": "CC0-1.0",
-}
 TINY = NTMConfig(iterations=12, batch=32, warm_up=3)
 
 

@@ -16,6 +16,16 @@ from training import loop
 from training.checkpoint import save_checkpoint
 from training.encoder import CONFIGS, EncoderConfig
 
+CARD = {
+    "name": "moss",
+    "title": "Moss",
+    "description": "Grows",
+    "process": "rust",
+    "source": "made up",
+    "license": "CC0-1.0",
+}
+"""Of a temporal model."""
+
 
 class Killed(BaseException):
     """The end of the process: nothing catches it."""

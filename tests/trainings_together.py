@@ -17,18 +17,10 @@ import pytest
 from torch import Tensor, nn
 
 from model_runtime.model_files.weights import ENCODER
-from tests.trainings import Killed, fast_clock, small
+from tests.trainings import CARD, Killed, fast_clock, small
 from training import encoder, loop, ntm
 from training.distributed import ALONE, World, joined
 
-CARD = {
-    "name": "moss",
-    "title": "Moss",
-    "description": "Grows",
-    "process": "rust",
-    "source": "made up",
-    "license": "CC0-1.0",
-}
 WHAT = ("fast", "ntm")
 ITERATIONS = 4
 

@@ -8,6 +8,7 @@ import pytest
 from tests.blender.aged_cases import read, refusal
 from tests.blender.material_cases import new_material, plane, procedural
 from tests.blender.object_cases import modified
+from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 
 pytestmark = pytest.mark.usefixtures("empty_scene")
 
@@ -151,3 +152,13 @@ def test_named_objects():
         with pytest.raises(SettingsError) as caught:
             object_named(name, material, scene)
         assert words in str(caught.value)
+
+
+def test_an_object_without_a_material_gets_one():
+    bpy.ops.object.light_add()
+    assert not bpy.ops.tvbrdf.new_material.poll()
+    bpy.ops.object.empty_add()
+    assert not bpy.ops.tvbrdf.new_material.poll()
+    bpy.ops.mesh.primitive_plane_add()
+    assert bpy.ops.tvbrdf.new_material() == {"FINISHED"}
+    assert find_principled(bpy.context.object.active_material)

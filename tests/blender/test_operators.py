@@ -18,7 +18,6 @@ from tvbrdf.tvbrdf_addon import preferences, session
 from tvbrdf.tvbrdf_addon.errors import RunEndedError, SettingsError
 from tvbrdf.tvbrdf_addon.material.nodes.record import is_live
 from tvbrdf.tvbrdf_addon.material.nodes.revert import is_aged
-from tvbrdf.tvbrdf_addon.material.nodes.surface import find_principled
 from tvbrdf.tvbrdf_addon.run import Run
 
 pytestmark = pytest.mark.usefixtures("stub_worker")
@@ -384,16 +383,6 @@ def test_the_bar_goes_on_while_the_worker_starts(slow: Path, monkeypatch):
     assert run.progress == pytest.approx(0.375)
     run.cancel()
     ending(run)
-
-
-def test_an_object_without_a_material_gets_one(empty_scene: bpy.types.Scene):
-    bpy.ops.object.light_add()
-    assert not bpy.ops.tvbrdf.new_material.poll()
-    bpy.ops.object.empty_add()
-    assert not bpy.ops.tvbrdf.new_material.poll()
-    bpy.ops.mesh.primitive_plane_add()
-    assert bpy.ops.tvbrdf.new_material() == {"FINISHED"}
-    assert find_principled(bpy.context.object.active_material)
 
 
 def test_time_left_is_a_guess_from_the_pace(slow: Path, monkeypatch):

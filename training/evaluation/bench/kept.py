@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,28 @@ from torch import Tensor
 from model_runtime.atomic import replaced
 from model_runtime.model_files.weights import hash_tensors
 
-__all__ = ("identity", "kept", "kept_json")
+__all__ = ("code", "identity", "kept", "kept_json")
+
+_PACKAGES = Path(__file__).resolve().parents[3]
+_JUDGES = "evaluation"  # of training: what it finds has identities of its own
 
 
 def identity(*ingredients: Tensor | str) -> str:
     """A digest of texts and of the values of tensors, in order."""
     texts = (each if isinstance(each, str) else hash_tensors({"": each}) for each in ingredients)
     return sha256("\n".join(texts).encode()).hexdigest()
+
+
+@cache
+def code() -> str:
+    """A digest of the program that learns and ages: its sources, but for reports."""
+    files = (
+        path
+        for package in ("model_runtime", "training")
+        for path in sorted((_PACKAGES / package).rglob("*.py"))
+        if _JUDGES not in path.relative_to(_PACKAGES).parts
+    )
+    return identity(*(f"{path.name} {path.read_text(encoding='utf-8')}" for path in files))
 
 
 def kept(path: Path, made_from: str, make: Callable[[], Mapping[str, Tensor]]) -> dict[str, Tensor]:

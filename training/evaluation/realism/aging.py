@@ -20,14 +20,12 @@ from ...data.sequences import Sequence
 from ...learn import learn, read_change
 from ...source.change import sequence_of
 from ...source.scan_maps import ScanMaps
-from ..bench.kept import identity, kept, kept_json
+from ..bench.kept import code, identity, kept, kept_json
 from ..synthesis.sources import Effort, SourceModels
 from .methods import Aged, Array, crossfade, formula, ours, papers, stt_of
 from .targets import HalvedScan
 
 __all__ = ("Aging", "Learned", "Source", "nearest_in_mean")
-
-_VERSION = "3"
 
 
 @dataclass(frozen=True)
@@ -83,13 +81,15 @@ class Aging:
         if not path.exists():
             record.unlink(missing_ok=True)
 
+        made_from = identity(made_from, code(), str(self.minutes))
+
         def make() -> float:
             self.folder.mkdir(parents=True, exist_ok=True)
             start = time.process_time()
             learn(source, path, "learned", process=process, minutes=self.minutes)
             return time.process_time() - start
 
-        return Learned(path, kept_json(record, identity(made_from, str(self.minutes)), make))
+        return Learned(path, kept_json(record, made_from, make))
 
     def of_scan(self, source: Source) -> Learned:
         """Ours of the left half of a scan."""
@@ -115,7 +115,7 @@ class Aging:
             return tensors
 
         used = hash_file(ntm) if method == "ours" else str(self.effort)
-        made_from = identity(key, source.made_from, used, f"{self.times} {self.size} {_VERSION}")
+        made_from = identity(key, source.made_from, used, code(), f"{self.times} {self.size}")
         path = self.folder / f"aged_{key}_{method}.safetensors"
         stored = kept(path, made_from, make)
         heights = stored.get("heights")

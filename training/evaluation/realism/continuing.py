@@ -23,7 +23,7 @@ from ...data.sequences import Sequence
 from ...metric.texture import encoded
 from ..bench.aging import age_silently
 from ..bench.encoders import WEIGHTS
-from ..bench.kept import identity, kept
+from ..bench.kept import code, identity, kept
 from .aging import Aging, Learned
 from .methods import Array
 from .spots import Lapse, halves_of
@@ -95,7 +95,7 @@ def _kept(path: Path, made_from: str, make: Callable[[], Array]) -> Continued:
         pictures = torch.from_numpy(np.rint(255 * make()).astype(np.uint8))
         return {"pictures": pictures, "seconds": torch.tensor(time.process_time() - begun)}
 
-    stored = kept(path, made_from, found)
+    stored = kept(path, identity(made_from, code()), found)
     return Continued(stored["pictures"].numpy().astype(np.float32) / 255, float(stored["seconds"]))
 
 

@@ -17,7 +17,7 @@ from model_runtime.reading.inputs import hash_file
 
 from ...baselines import ode
 from ...metric.texture import encoded
-from ..bench.kept import identity, kept_json
+from ..bench.kept import code, identity, kept_json
 from .aging import Aging, nearest_in_mean
 from .comparing import Picture
 from .continuing import CONTINUES, FROM_NOISE, aged_pictures, learned_half
@@ -87,7 +87,7 @@ def costs_of(data: Path, aging: Aging, sizes: tuple[int, ...]) -> dict[str, dict
         def make() -> list[float]:
             return [_spent(play, side) / _PICTURES for side in sizes]
 
-        path, told = aging.folder / f"costs_{name}.json", identity(made_from, str(sizes))
+        path, told = aging.folder / f"costs_{name}.json", identity(made_from, code(), str(sizes))
         played = kept_json(path, told, make)
         found = {"learn": seconds, "bytes": float(model.stat().st_size)}
         return found | {f"picture_{side}": each for side, each in zip(sizes, played, strict=True)}
