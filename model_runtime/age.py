@@ -36,7 +36,7 @@ __all__ = ("AgeRequest", "Reporter", "age", "computes")
 
 _LESS_MEMORY = "Choose a smaller size, fewer frames or quality draft."
 _BYTES_A_FRAME = 12  # of half-float maps, a texel, compressed or not
-_BYTES_OF_A_LOBE = 10  # likewise, after the first
+_BYTES_OF_A_LOBE = 16  # likewise, after the first
 _BYTES_OF_HEIGHT = 4  # likewise, of a single
 _BYTES_A_FILE = 6  # likewise, of three colors
 _NOT_LIVE = (

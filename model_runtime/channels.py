@@ -11,6 +11,7 @@ Imports no torch, so that Blender's side can use it.
 from __future__ import annotations
 
 import math
+from collections.abc import Container, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
@@ -24,6 +25,7 @@ __all__ = (
     "ALPHA_MIN",
     "CHANNELS",
     "FURTHER",
+    "FURTHER_LOBES",
     "KD",
     "KS",
     "LOBE",
@@ -35,7 +37,10 @@ __all__ = (
     "Channel",
     "clip_planes",
     "lobe_maps",
+    "lobe_planes",
     "optics",
+    "turning",
+    "turning_in",
 )
 
 ALPHA_MIN = 1e-4
@@ -66,13 +71,17 @@ NAMES = ("kd_r", "kd_g", "kd_b", "ks_r", "ks_g", "ks_b", "alpha")
 
 WIDTH = len(NAMES)
 
-LOBE = {"color": 3, "weight": 1, "alpha": 1}
-"""What a lobe after the first is, and in how many channels: a metal, of a measured material."""
+LOBE = {"color": slice(0, 3), "edge": slice(3, 6), "weight": slice(6, 7), "alpha": slice(7, 8)}
+"""What a lobe after the first is, and where each lies among its numbers: a metal, of a measured
+material, with the color that it has head-on and the one at the edge, where the view grazes it.
+"""
 
-FURTHER = sum(LOBE.values())
+FURTHER = LOBE["alpha"].stop
 
-_FURTHER_LOBES = ("second", "third")
-MOST_LOBES = 1 + len(_FURTHER_LOBES)
+FURTHER_LOBES = ("second", "third")
+MOST_LOBES = 1 + len(FURTHER_LOBES)
+
+_TOLD_APART = 2.0**-11  # of colors: what half floats tell
 
 Array = TypeVar("Array", NDArray[np.float32], "Tensor")
 
@@ -82,13 +91,34 @@ def optics(states: Array) -> tuple[Array, Array, Array]:
     return states[..., KD], states[..., KS], states[..., ALPHA.start]
 
 
-def lobe_maps(lobes: int) -> dict[str, int]:
-    """The maps of each of `lobes` after the first, and their channels."""
-    return {
-        f"{which}_{name}": channels
-        for which in _FURTHER_LOBES[: lobes - 1]
-        for name, channels in LOBE.items()
-    }
+def turning(lobes: Array) -> Array:
+    """Of `lobes` [..., 8] after the first whether their color turns with the view: [...]."""
+    apart = lobes[..., LOBE["edge"]] - lobes[..., LOBE["color"]]
+    return (apart**2 > _TOLD_APART**2).any(-1)  # pyright: ignore[reportReturnType]
+
+
+def turning_in(names: Container[str], lobes: int) -> list[bool]:
+    """Of each of `lobes` after the first whether its edge is among the `names` of maps."""
+    return [f"{which}_edge" in names for which in FURTHER_LOBES[: lobes - 1]]
+
+
+def lobe_maps(turns: Sequence[bool]) -> dict[str, int]:
+    """The maps of lobes after the first, and their channels: of one that `turns` that of its edge
+    too, which in others has the same color.
+    """
+    return {name: place.stop - place.start for name, _, place in _parts(turns)}
+
+
+def lobe_planes(lobes: Array, turns: Sequence[bool]) -> dict[str, Array]:
+    """What `lobe_maps` hold of `lobes` [..., K, 8]: views [..., channels]."""
+    return {name: lobes[..., k, place] for name, k, place in _parts(turns)}
+
+
+def _parts(turns: Sequence[bool]) -> Iterator[tuple[str, int, slice]]:
+    for k, (which, edge) in enumerate(zip(FURTHER_LOBES, turns, strict=False)):
+        for name, place in LOBE.items():
+            if edge or name != "edge":
+                yield f"{which}_{name}", k, place
 
 
 def clip_planes(planes: NDArray[np.float32], *, roughness: bool = False) -> None:

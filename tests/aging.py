@@ -13,7 +13,8 @@ from model_runtime.images import read_image, write_exr
 
 PRINCIPLED = ("base_color", "metallic", "specular", "roughness")
 TORRANCE_SPARROW = ("kd", "ks", "alpha")
-COLORS = ("base_color", "specular_tint", "kd", "ks", "second_color", "third_color")
+LOBES = ("second_color", "second_edge", "third_color", "third_edge")
+COLORS = ("base_color", "specular_tint", "kd", "ks", *LOBES)
 
 
 @dataclass

@@ -12,7 +12,7 @@ from model_runtime.backend import torch
 from model_runtime.brdf import lobes, merl, rgl
 from model_runtime.brdf.refinement import Measurements
 from model_runtime.brdf.views import other_views
-from model_runtime.channels import lobe_maps
+from model_runtime.channels import lobe_maps, turning_in
 from model_runtime.live.files import read_live
 from tests.aging import TORRANCE_SPARROW, frames_of, run
 
@@ -68,7 +68,7 @@ class TestMeasured:
         told = report["measured_db"]
         assert report["lobes"] > 1
         assert told["fit"] > told["one_lobe"] + 4
-        names = (*TORRANCE_SPARROW, *lobe_maps(report["lobes"]))
+        names = (*TORRANCE_SPARROW, *lobe_maps(turning_in(report["files"], report["lobes"])))
         assert tuple(report["files"])[: len(names)] == names
         maps = [frames_of(tmp_path / "out", name, 3).reshape(3, -1) for name in names]
         first, _, last = torch.from_numpy(np.concatenate(maps, 1)).float()

@@ -306,6 +306,21 @@ def test_every_bundled_model_makes_the_same_maps_with_and_without_torch(tmp_path
                 assert psnr(*pixels) >= DB, (job, name)
 
 
+def test_a_measurement_of_several_lobes_is_shown_as_well_without_torch(
+    tmp_path: Path, data_folder: Path
+):
+    """Not by the same numbers: from the same starts rounding leads to other fits, as good."""
+    felt = data_folder / "bsdf" / "acrylic_felt_green_rgb.bsdf"
+    job = {"input": str(felt), "frames": 2, "ntm": "rust", "tolerance": 34.0, "onset": "none"}
+    told = {}
+    for how in (TORCH, "none"):
+        age_all(how, [{**job, "output": str(tmp_path / how)}])
+        told[how] = json.loads((tmp_path / how / "aged.json").read_text(encoding="utf-8"))
+    assert told[TORCH]["lobes"] == told["none"]["lobes"] == 2
+    one, other = (each["measured_db"]["fit"] for each in told.values())
+    assert one == pytest.approx(other, abs=1)
+
+
 def test_a_backend_that_is_none_is_refused():
     command = [sys.executable, "-m", "model_runtime", "age", "--input", "x", "--ntm", "rust"]
     done = subprocess.run(

@@ -71,11 +71,13 @@ class Measurements:
         """How near values `f` [N, M, 3] at `other_views()` look, in dB [N]."""
         return psnr_of(*_shown(other_views(), self.held_back, f))
 
-    def nearest(self, start: Tensor, evaluate: Evaluate, steps: int = STEPS) -> Tensor:
+    def nearest(
+        self, start: Tensor, evaluate: Evaluate, steps: int = STEPS, free: Tensor | None = None
+    ) -> Tensor:
         """Parameters [N, D] that look nearer than `start` at `views()`; `start`, where there are
-        none.
+        none. `free` [N, D] is 0 of those that stay as they start.
         """
-        return nearest(self.read, start, evaluate, steps)
+        return nearest(self.read, start, evaluate, steps, free)
 
     def missed(self, parameters: Tensor, evaluate: Evaluate) -> Tensor:
         """How much `parameters` [N, D] miss of what is seen at `views()`: [N], what `nearest`
@@ -84,19 +86,26 @@ class Measurements:
         return _missing(self.read, evaluate(parameters, views().angles)).square().sum(1)
 
 
-def nearest(read: Tensor, start: Tensor, evaluate: Evaluate, steps: int = STEPS) -> Tensor:
+def nearest(
+    read: Tensor,
+    start: Tensor,
+    evaluate: Evaluate,
+    steps: int = STEPS,
+    free: Tensor | None = None,
+) -> Tensor:
     """`Measurements.nearest` of values `read` [N, M, 3] at `views()`."""
-    parts = zip(read.split(_TOGETHER), start.split(_TOGETHER), strict=True)
-    return torch.cat([_nearest(truth, first, evaluate, steps) for truth, first in parts])
+    free = torch.ones_like(start) if free is None else free
+    parts = zip(*(each.split(_TOGETHER) for each in (read, start, free)), strict=True)
+    return torch.cat([_nearest(*some, evaluate, steps) for some in parts])
 
 
-def _nearest(truth: Tensor, x: Tensor, evaluate: Evaluate, steps: int) -> Tensor:
+def _nearest(truth: Tensor, x: Tensor, free: Tensor, evaluate: Evaluate, steps: int) -> Tensor:
     """By the method of Levenberg and Marquardt, each of N materials for itself."""
     angles = views().angles
     left = _missing(truth, evaluate(x, angles))
     damping = torch.full_like(x[:, 0], _DAMPING)
     for _ in range(steps):
-        slopes = _slopes(truth, x, left, evaluate).double()
+        slopes = (_slopes(truth, x, left, evaluate) * free[..., None]).double()
         square = slopes @ slopes.mT
         stiff = damping[:, None, None] * torch.eye(x.shape[1]) * (square + _LEAST_STIFF)
         step = torch.linalg.solve(square + stiff, slopes @ left.double()[..., None])

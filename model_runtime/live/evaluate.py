@@ -11,7 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..brdf import principled
-from ..channels import ALPHA, KD, KS, WIDTH, clip_planes, lobe_maps, optics
+from ..channels import (
+    ALPHA,
+    FURTHER,
+    KD,
+    KS,
+    LOBE,
+    WIDTH,
+    clip_planes,
+    lobe_planes,
+    optics,
+    turning,
+)
 from ..contract import COEFFICIENTS_A_FILE
 from ..maps import Pixels, PrincipledMaps, TorranceSparrowMaps
 
@@ -115,17 +126,18 @@ class Curves:
 
 
 def packed_lobes(lobes: Pixels) -> Pixels:
-    """Lobes after the first, [K, T, 5] (color, weight, r) at T ages from 0 to 1, as an image
-    [2 K, T, 3]: each as two rows, its color and (weight, r, 0), the second lobe on top.
+    """Lobes after the first, [K, T, 8] with r in alpha's place at T ages from 0 to 1, as an image
+    [3 K, T, 3]: each as three rows, its color, its edge and (weight, r, 0), the second lobe on top.
     """
-    rows = np.zeros((len(lobes), 2, lobes.shape[1], 3), np.float32)
-    rows[:, 0], rows[:, 1, :, :2] = lobes[..., :3], lobes[..., 3:]
+    rows = np.zeros((len(lobes), lobes.shape[1], 9), np.float32)
+    rows[..., :FURTHER] = lobes
+    rows = rows.reshape(*rows.shape[:2], 3, 3).transpose(0, 2, 1, 3)
     return rows.reshape(-1, *rows.shape[2:])
 
 
 def unpacked_lobes(image: Pixels) -> Pixels:
     """The lobes that `packed_lobes` made `image` of."""
-    return np.concatenate((image[::2], image[1::2, :, :2]), -1)
+    return np.concatenate((image[::3], image[1::3], image[2::3, :, :2]), -1)
 
 
 @dataclass(frozen=True)
@@ -135,7 +147,7 @@ class LiveMaps:
     timing: [H, W, 3] when a texel's history starts, how fast it runs and the age it has at once; or
         None, where its age is the time
     coefficients: [H, W, R]
-    lobes: [K, T, 5] those after the first (`packed_lobes`), of a measured material; or None
+    lobes: [K, T, 8] those after the first (`packed_lobes`), of a measured material; or None
     """
 
     curves: Curves
@@ -167,13 +179,10 @@ class LiveMaps:
         if self.lobes is None:
             return {}
         age = self._local(time)
-        maps = {}
-        names = iter(lobe_maps(1 + len(self.lobes)))
-        for lobe in self.lobes:
-            now = _between(lobe, age.reshape(-1)).reshape(*age.shape, -1)
-            parts = now[..., :3], now[..., 3], np.square(now[..., 4])
-            maps |= {next(names): np.ascontiguousarray(each, np.float32) for each in parts}
-        return maps
+        now = np.stack([_between(lobe, age.reshape(-1)) for lobe in self.lobes], 1)
+        now[..., LOBE["alpha"]] = np.square(now[..., LOBE["alpha"]])
+        planes = lobe_planes(now, turning(self.lobes).any(1).tolist())
+        return {name: _image(plane, age.shape) for name, plane in planes.items()}
 
     def _local(self, time: float) -> Pixels:
         """The age [H, W] of each texel at `time`."""
@@ -189,6 +198,12 @@ class LiveMaps:
         given = np.concatenate((start.kd, start.ks, authored.roughness[..., None]), -1)
         kd, ks, r = optics(self.at(given, time).astype(np.float32, copy=False))
         return TorranceSparrowMaps(kd, ks, np.square(r))
+
+
+def _image(plane: Pixels, size: tuple[int, ...]) -> Pixels:
+    """[H, W, 3] of colors [H W, 3], [H, W] of numbers [H W, 1]."""
+    shape = size if plane.shape[1] == 1 else (*size, plane.shape[1])
+    return np.ascontiguousarray(plane.reshape(shape), np.float32)
 
 
 def _between(curve: Pixels, age: Pixels) -> Pixels:

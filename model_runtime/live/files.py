@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..backend import Tensor, torch
 from ..brdf.principled import EXACT_F0
-from ..channels import REFLECTANCES, optics
+from ..channels import LOBE, REFLECTANCES, optics
 from ..contract import (
     COEFFICIENTS_A_FILE,
     CURVES,
@@ -134,8 +134,9 @@ def _with_residues(curves: Curves, residues: Residues) -> tuple[Curves, Tensor]:
 
 
 def _lobe_curves(further: Tensor, count: int) -> Pixels:
-    """[K, T, 5] with roughness at `count` T even ages of lobes `further` [ages, K, 5]."""
-    lobes = torch.cat((further[..., :4], further[..., 4:].sqrt()), -1)
+    """[K, T, 8] with roughness at `count` T even ages of lobes `further` [ages, K, 8]."""
+    lobes = further.clone()
+    lobes[..., LOBE["alpha"]] = further[..., LOBE["alpha"]].sqrt()
     even, own = np.linspace(0, 1, count), np.linspace(0, 1, len(further))
     curves = [np.interp(even, own, line) for line in lobes.flatten(1).T.numpy()]
     return np.reshape(curves, (*further.shape[1:], count)).transpose(0, 2, 1).astype(np.float32)

@@ -84,7 +84,7 @@ class Change:
 
     @property
     def lobed(self) -> Tensor | None:
-        """The fit [1, C + 5 K] of the only texel, where it has several lobes."""
+        """The fit [1, C + 8 K] of the only texel, where it has several lobes."""
         return None if self.fit is None or self.fit.further is None else self.fit.lobed.lobed
 
     @property

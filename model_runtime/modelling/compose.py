@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..backend import Tensor, torch
-from ..channels import ALPHA, ROUGHNESS_MIN, clip_planes
+from ..channels import ALPHA, ROUGHNESS_MIN, clip_planes, lobe_planes, turning
 from ..maps import Halves, Pixels
 from .palette import Palette
 from .residues import HEIGHT_PLACE, Residues
@@ -47,7 +47,7 @@ class AgedTexels:
     onset: [n] the time at which each texel's history starts, or None: all at 0
     rate: [n] how fast it then runs, at most 1, or None: 1
     residues: what it shows beyond its history, or None
-    further: [T, K, 5] lobes after the first (`brdf.lobes`) of a measured material, which all texels
+    further: [T, K, 8] lobes after the first (`brdf.lobes`) of a measured material, which all texels
         have alike at each age; or None
 
     A texel of age a = rate max(0, time - onset) is x(a), its entry's history `anchored` to what it
@@ -63,10 +63,10 @@ class AgedTexels:
     residues: Residues | None = None
     further: Tensor | None = None
 
-    @property
-    def lobes(self) -> int:
-        """How many a texel has."""
-        return 1 if self.further is None else 1 + self.further.shape[1]
+    @cached_property
+    def turns(self) -> list[bool]:
+        """Of each lobe after the first whether its color ever turns with the view."""
+        return [] if self.further is None else turning(self.further).any(0).tolist()
 
     def at(self, time: float) -> Tensor:
         """States [n, C] at `time` in 0..1."""
@@ -129,7 +129,10 @@ class AgedTexels:
 
     @cached_property
     def _timelines(self) -> _Timelines:
-        return _Timelines.of(self.histories.states, self.gain, self.residues, self.further)
+        further = torch.zeros(len(self.gain), 0)
+        if self.further is not None:
+            further = torch.cat([*lobe_planes(self.further, self.turns).values()], 1)
+        return _Timelines.of(self.histories.states, self.gain, self.residues, further)
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ class _Timelines:
     gain: [C, ages]
     ages: ages of an entry: the T modeled ones, and the last again to interpolate with
     shapes: [R, C + 1, fine ages] of residues, and height [fine ages]; None without any
-    further: [5 K, ages] of lobes after the first; K is 0 without any
+    further: [L, ages] what maps show of lobes after the first, nothing without any
     """
 
     own: Pixels
@@ -152,7 +155,7 @@ class _Timelines:
 
     @classmethod
     def of(
-        cls, states: Tensor, gain: Tensor, residues: Residues | None, further: Tensor | None
+        cls, states: Tensor, gain: Tensor, residues: Residues | None, further: Tensor
     ) -> _Timelines:
         own = states - gain * states[:, :1]
         own, gain = (torch.cat((each, each[..., -1:, :]), -2) for each in (own, gain))
@@ -162,8 +165,7 @@ class _Timelines:
             ages = torch.linspace(0, 1, (len(gain) - 2) * _FINE + 1)
             shapes = residues.shapes_at(ages).transpose(1, 2).contiguous().numpy()
             height = residues.height_at(ages).numpy()
-        lobes = torch.zeros(len(gain) - 1, 0) if further is None else further.flatten(1)
-        lobes = torch.cat((lobes, lobes[-1:])).T.contiguous().numpy()
+        lobes = torch.cat((further, further[-1:])).T.contiguous().numpy()
         return cls(columns[0].numpy(), columns[1].numpy(), len(gain), shapes, height, lobes)
 
 
@@ -221,8 +223,8 @@ class AgedBand:
         return heights
 
     def further(self, time: float | None) -> Pixels:
-        """The numbers [5 K, k] of lobes after the first, likewise; where none has started yet,
-        with None, those of all texels.
+        """What maps show of lobes after the first (`lobe_planes`), [L, k], likewise; where none has
+        started yet, with None, of all texels.
         """
         if time is None:
             return np.repeat(self.timelines.further[:, :1], len(self.onset), 1)

@@ -11,7 +11,7 @@ from ..brdf.lobes import LobedFit, evaluate, fit_lobes, following
 from ..brdf.measured import MeasuredBRDF
 from ..brdf.refinement import Measurements, SeenFit, fit_seen
 from ..brdf.views import views
-from ..channels import ALPHA, ALPHA_MIN, KS
+from ..channels import ALPHA, ALPHA_MIN, FURTHER, KS, LOBE
 from ..contract import TORRANCE_SPARROW, AgeRequest, Specular
 from ..errors import InputError, shown
 from ..maps import HALF_MAX
@@ -37,7 +37,7 @@ class MeasuredFit:
 
     @cached_property
     def further(self) -> Tensor | None:
-        """The lobes [K, 5] after the first; None without any."""
+        """The lobes [K, 8] after the first; None without any."""
         return self.lobed.further[0] if self.lobed.lobes > 1 else None
 
 
@@ -71,8 +71,8 @@ def follow_lobes(
     representation: Representation,
     specular: Specular,
 ) -> tuple[Tensor, float]:
-    """Fits [1, T, C + 5 K] of `latents`, those of one material at `ages` T, decoded, by the lobes
-    that it has at first, about `lobed` [1, C + 5 K]; and the largest relative error.
+    """Fits [1, T, C + 8 K] of `latents`, those of one material at `ages` T, decoded, by the lobes
+    that it has at first, about `lobed` [1, C + 8 K]; and the largest relative error.
     """
 
     def decoded(angles: Tensor) -> Tensor:
@@ -86,20 +86,22 @@ def follow_lobes(
 
 
 def anchored_lobes(further: Tensor, histories: Tensor | None, gain: Tensor) -> Tensor:
-    """Further lobes [..., T, K, 5] at each age, of materials that have `further` [..., K, 5] at
+    """Further lobes [..., T, K, 8] at each age, of materials that have `further` [..., K, 8] at
     first.
 
-    As `compose.anchored` has it of states: `histories` [..., T, K, 5] are those that a
+    As `compose.anchored` has it of states: `histories` [..., T, K, 8] are those that a
     representation tells, and what they lack at first lives on as the `gain` [T, C] lets differences
-    live. Where none are told, lobes fade so, and keep their color and width.
+    live. Where none are told, lobes fade so, and keep their colors and width.
     """
     mean = gain[:, KS].mean(1, keepdim=True)
     if histories is None:
-        fading = torch.cat((torch.ones(len(gain), 3), mean, torch.ones(len(gain), 1)), 1)
+        fading = torch.ones(len(gain), FURTHER)
+        fading[:, LOBE["weight"]] = mean
         found = fading[:, None] * further[..., None, :, :]
     else:
-        own = torch.cat((gain[:, KS], mean, gain[:, ALPHA]), 1)
+        own = torch.cat((gain[:, KS], gain[:, KS], mean, gain[:, ALPHA]), 1)
         missing = further[..., None, :, :] - histories[..., :1, :, :]
         found = histories + own[:, None] * missing
-    colors, alpha = found[..., :4].clamp(0, 1), found[..., 4:].clamp(ALPHA_MIN, 1)
-    return torch.cat((colors, alpha), -1)
+    found = found.clamp(0, 1)
+    found[..., LOBE["alpha"]] = found[..., LOBE["alpha"]].clamp_min(ALPHA_MIN)
+    return found

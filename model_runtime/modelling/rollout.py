@@ -28,7 +28,7 @@ _CHUNK = 256
 @dataclass(frozen=True)
 class Histories:
     """`states` [P, T, C] of P entries at T ages from 0 to 1, the fit's error, and the `device`
-    that decoded and fitted. `further` [T, K, 5] are the lobes after the first, of a measured
+    that decoded and fitted. `further` [T, K, 8] are the lobes after the first, of a measured
     material that has such and went through latents.
 
     Where the states went through latents, states[:, 0] is the entry as the representation sees it,
@@ -61,7 +61,7 @@ def roll_out(
     `samples` directions of them where that is given (`measured` are those of the only entry, where
     they are known), rolled out, decoded and fitted at every age, or told by an `estimator`: on
     `device`, for that is what takes time. Where that entry has several lobes, about `lobed` [1,
-    C + 5 K], all of these are fitted. `step` hears which share is done.
+    C + 8 K], all of these are fitted. `step` hears which share is done.
 
     Raises ModelFileError where the NTM makes states that are not finite, or rolls out other latents
     than those of `representation`.

@@ -132,7 +132,7 @@ class FrameMaps:
     @property
     def _channels(self) -> dict[str, int]:
         """How many channels each map has, in order."""
-        lobes = lobe_maps(self.aged.lobes)
+        lobes = lobe_maps(self.aged.turns)
         return {**FORMATS[self.format], **lobes, **({HEIGHT: 1} if self._raises else {})}
 
     @cached_property
@@ -165,7 +165,7 @@ class FrameMaps:
 
     def _fill(self, planes: Tensor, band: _Band, states: Pixels, further: Pixels) -> None:
         """Put the maps of the first k texels of `band`, aged to `states` [C, k] with `further`
-        lobes [5 K, k], into `planes`.
+        lobes [L, k], into `planes`.
         """
         k = states.shape[1]
         order = band.order[:k]
@@ -343,7 +343,7 @@ def file_names(format: Format, frames: int, *, lobes: int, heights: bool) -> lis
     if format == PRINCIPLED_EXACT:
         formats = (format, TORRANCE_SPARROW)
     maps = dict.fromkeys(name for each in formats for name in FORMATS[each])
-    maps |= dict.fromkeys(lobe_maps(lobes)) | ({HEIGHT: None} if heights else {})
+    maps |= dict.fromkeys(lobe_maps([True] * (lobes - 1))) | ({HEIGHT: None} if heights else {})
     return [frame_file(name, k) for name in maps for k in range(frames)]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from ...model_runtime.channels import lobe_maps
+from ...model_runtime.channels import lobe_maps, turning_in
 from ...model_runtime.contract import (
     FORMATS,
     HEIGHT,
@@ -195,10 +195,11 @@ def read_result(folder: Path) -> AgedMaps | LiveFiles:
     def aged(name: str) -> AgedMap:
         return _map(folder, name, files.get(name), len(times), uniform)
 
+    names = (*FORMATS[kind], *lobe_maps(turning_in(files, lobes)))
     return AgedMaps(
         kind,
         times,
-        tuple(map(aged, (*FORMATS[kind], *lobe_maps(lobes)))),
+        tuple(map(aged, names)),
         height=aged(HEIGHT) if HEIGHT in files and not uniform else None,
         unit=unit if unit.of_texture else _WORLD,
     )

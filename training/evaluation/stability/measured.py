@@ -87,15 +87,20 @@ def held_by_the_product(
             source, str(ntm), output, frames=2, onset=EVERYWHERE, format=TORRANCE_SPARROW
         )
         told = age_silently(request)
-        maps = lobe_maps(told["lobes"])
         further = (
-            read_image(output / frame_file(name, 0), color=channels > 1).reshape(1, channels)
-            for name, channels in maps.items()
+            read_image(_first_frame(output, name), color=channels > 1).reshape(1, channels)
+            for name, channels in lobe_maps([True] * (told["lobes"] - 1)).items()
         )
         lobed = torch.cat((read_states(output, 1), *map(torch.from_numpy, further)), 1)
     truth = sphere.render(lambda angles: brdf.evaluate(angles)[None])
     shown = sphere.render(lambda angles: evaluate(lobed, angles))
     return float(psnr(truth, shown).mean()), tuple(told["warnings"])
+
+
+def _first_frame(folder: Path, name: str) -> Path:
+    """The file of a lobe's map; that of its color where its edge has none of its own."""
+    file = folder / frame_file(name, 0)
+    return file if file.exists() else folder / frame_file(name.replace("edge", "color"), 0)
 
 
 def _table(brdf: MeasuredBRDF) -> NDArray[np.float64]:

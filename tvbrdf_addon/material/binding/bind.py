@@ -9,7 +9,7 @@ from pathlib import Path
 
 import bpy
 
-from ....model_runtime.channels import LOBE, MOST_LOBES, lobe_maps
+from ....model_runtime.channels import FURTHER_LOBES, LOBE
 from ....model_runtime.contract import (
     HEIGHT,
     PRINCIPLED,
@@ -18,6 +18,7 @@ from ....model_runtime.contract import (
 )
 from ...errors import MaterialError
 from ..nodes.revert import revert
+from ..nodes.trace import input_socket
 from ..reading.check import why_no_surface
 from ..reading.lookup import Reading
 from ..result import AgedMaps, LiveFiles, read_result
@@ -184,17 +185,19 @@ def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
     ]
 
 
-def _further(aged: Aged) -> Iterator[tuple[Show, ...]]:
-    """What shows color, weight and alpha of each of the lobes after the first."""
-    names = [name for name in lobe_maps(MOST_LOBES) if name in aged]
-    for first in range(0, len(names), len(LOBE)):
-        yield tuple(aged[name] for name in names[first : first + len(LOBE)])
+def _further(aged: Aged) -> Iterator[Aged]:
+    """What shows the parts of each of the lobes after the first (`LOBE`)."""
+    for which in FURTHER_LOBES:
+        names = {part: f"{which}_{part}" for part in LOBE}
+        lobe = {part: aged[name] for part, name in names.items() if name in aged}
+        if lobe:
+            yield lobe
 
 
 def _with_lobe(
     edit: Edit,
     surface: bpy.types.NodeSocket,
-    lobe: tuple[Show, ...],
+    lobe: Aged,
     normal: Show,
     name: str,
     row: int,
@@ -208,11 +211,32 @@ def _with_lobe(
     edit.tree.links.new(metal.outputs[0], weighed.inputs[2])
     edit.tree.links.new(surface, both.inputs[0])
     edit.tree.links.new(weighed.outputs[0], both.inputs[1])
-    sockets = (metal.inputs["Base Color"], weighed.inputs["Fac"], metal.inputs["Roughness"])
-    for show, socket in zip(lobe, sockets, strict=True):
-        show(socket)
+    _show_base(edit, lobe, metal.inputs["Base Color"], normal, name, row)
+    lobe["weight"](weighed.inputs["Fac"])
+    lobe["alpha"](metal.inputs["Roughness"])
     normal(metal.inputs["Normal"])
     return both.outputs[0]
+
+
+def _show_base(
+    edit: Edit, lobe: Aged, base: bpy.types.NodeSocket, normal: Show, name: str, row: int
+) -> None:
+    """The color of a lobe, which turns to that of its edge, where it has one, as the view grazes
+    it: Facing at a Blend of 0.5 is 1 - cos of their angle.
+    """
+    if "edge" not in lobe:
+        lobe["color"](base)
+        return
+    facing = edit.layout.add("ShaderNodeLayerWeight", f"{name}, Facing", column=0, row=row + 1)
+    turned = edit.layout.add("ShaderNodeMix", f"{name}, Edge", column=0, row=row)
+    turned.data_type = "RGBA"
+    facing.inputs["Blend"].default_value = 0.5
+    normal(facing.inputs["Normal"])
+    edit.tree.links.new(facing.outputs["Facing"], input_socket(turned, "Factor_Float"))
+    lobe["color"](input_socket(turned, "A_Color"))
+    lobe["edge"](input_socket(turned, "B_Color"))
+    result = next(each for each in turned.outputs if each.identifier == "Result_Color")
+    edit.tree.links.new(result, base)
 
 
 _FORMATS = {

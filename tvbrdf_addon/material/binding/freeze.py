@@ -40,13 +40,14 @@ def freeze(material: bpy.types.Material, frame: int) -> None:
         for node in sequences(tree)
     }
     stills = {node: still(known(node.image), offset + 1) for node, offset in offsets.items()}
-    mixes = {
-        node: input_socket(node, "Factor_Float") for node in tagged(tree) if node.type == "MIX"
-    }
-    factors = {
-        node: _driven(socket, "default_value", frame, last) for node, socket in mixes.items()
-    }
-    fades = [Fade.of(node, factor, stills) for node, factor in factors.items()]
+    mixes = [
+        (node, input_socket(node, "Factor_Float")) for node in tagged(tree) if node.type == "MIX"
+    ]
+    fades = [
+        Fade.of(node, _driven(factor, "default_value", frame, last), stills)
+        for node, factor in mixes
+        if not factor.is_linked  # by the view
+    ]
     own_action(tree, mark=True)
     if record.age is not None:
         hold_age(material, record.age, frame)

@@ -27,7 +27,7 @@ Aged: TypeAlias = Mapping[str, Show]
 
 def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
     """Adds the group of a material, fed with what feeds the Principled BSDF."""
-    vector = edit.lookup()
+    vector, lobes = edit.lookup(), read_lobes(maps)
     name = f"Aged {edit.material.name}"
     node = edit.layout.add("ShaderNodeGroup", name, column=0, row=0)
     node.width = 220
@@ -35,7 +35,7 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
         name,
         maps,
         read_curves(maps.curves),
-        read_lobes(maps),
+        lobes,
         age=edit.age,
         vector=vector is not None,
         timing_map=edit.timing_map,
@@ -48,7 +48,7 @@ def aged_by_shader(edit: Edit, maps: LiveFiles) -> Aged:
         edit.tree.links.new(vector, node.inputs["Vector"])
     if maps.grain:
         node.inputs[GRAIN].default_value = edit.material.tvbrdf.grain
-    outputs = outputs_of(maps).items()
+    outputs = outputs_of(maps, lobes).items()
     return {each: partial(edit.connect, node.outputs[output]) for each, output in outputs}
 
 
@@ -60,10 +60,10 @@ def read_curves(path: Path) -> Curves:
 
 
 def read_lobes(maps: LiveFiles) -> Pixels | None:
-    """The curves [K, T, 5] of lobes after the first; None where there are none."""
+    """The curves [K, T, 8] of lobes after the first; None where there are none."""
     if maps.lobe_curves is None:
         return None
-    lobes = unpacked_lobes(read_exr(maps.lobe_curves))
-    if len(lobes) != maps.lobes - 1 or lobes.shape[1] < 2:
+    rows = read_exr(maps.lobe_curves)
+    if len(rows) != 3 * (maps.lobes - 1) or rows.shape[1] < 2:
         raise MaterialError(f"{maps.lobe_curves} holds no lobes.", "Age the material again.")
-    return lobes
+    return unpacked_lobes(rows)

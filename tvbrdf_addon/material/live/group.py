@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ....model_runtime.channels import lobe_maps
+from ....model_runtime.channels import LOBE, lobe_maps, turning
 from ....model_runtime.contract import (
     HEIGHT,
     PRINCIPLED,
@@ -53,13 +53,19 @@ texels: so small a local age is none.
 """
 
 
-def outputs_of(maps: LiveFiles) -> dict[str, str]:
-    """What the group of a result gives, in order: the output of each map, by its name.
+def outputs_of(maps: LiveFiles, lobes: Pixels | None) -> dict[str, str]:
+    """What the group of a result gives, in order: the output of each map, by its name; those of the
+    further `lobes` [K, T, 8] among them.
 
     A height is one in the result's unit.
     """
-    lobes = {name: _lobe_output(name) for name in lobe_maps(maps.lobes)}
-    return {**_OUTPUTS[maps.format], **lobes, **({HEIGHT: "Height"} if maps.height else {})}
+    further = {name: _lobe_output(name) for name in lobe_maps(_turns(lobes))}
+    return {**_OUTPUTS[maps.format], **further, **({HEIGHT: "Height"} if maps.height else {})}
+
+
+def _turns(lobes: Pixels | None) -> list[bool]:
+    """Of each whether its color ever turns with the view."""
+    return [] if lobes is None else turning(lobes).any(1).tolist()
 
 
 def _lobe_output(name: str) -> str:
@@ -79,14 +85,14 @@ def aged_group(
     load: Callable[[bpy.types.ShaderNodeTexImage, Path], None],
 ) -> bpy.types.NodeTree:
     """A group called `name` that ages by `maps` and their `curves`, of a measurement of several
-    lobes also by those of the further `lobes` [K, T, 5].
+    lobes also by those of the further `lobes` [K, T, 8].
 
     `age` is the custom property by which an object may have an age of its own. With `vector` an
     input says where the textures are looked up, else the UV map does; `timing_map` names another UV
     map, by which the timing is. `load` lets a texture show a file.
     """
     inputs = (*AUTHORED, "Age", *((GRAIN,) if maps.grain else ()), *(("Vector",) if vector else ()))
-    outputs = tuple(outputs_of(maps).values())
+    outputs = tuple(outputs_of(maps, lobes).values())
     group = new_group(name, inputs, outputs)
     _add_dead_end(group)
     canvas = Canvas(group)
@@ -129,14 +135,17 @@ def aged_group(
 
 
 def _further(canvas: Canvas, local: Number, lobes: Pixels) -> Iterator[Triple | Number]:
-    """Color, weight and roughness of each of the lobes after the first, at the local age."""
-    for number, lobe in enumerate(lobes, start=2):
+    """Color, edge where that is another, weight and roughness of each of the lobes after the first,
+    at the local age.
+    """
+    for number, (lobe, turns) in enumerate(zip(lobes, _turns(lobes), strict=True), start=2):
+        color, edge, weight, roughness = (lobe[:, place] for place in LOBE.values())
         with canvas.stage(f"Lobe {number}"):
-            shown = lobe[:, (0, 1, 2, 4)]
+            shown = np.column_stack((color, roughness))
             color, roughness = ramp(canvas, local, shown, "Color, roughness as alpha")
-            weights = np.repeat(lobe[:, 3:4], 4, 1)
-            _, weight = ramp(canvas, local, weights, "Weight as alpha")
-        yield from (color, weight, roughness)
+            shown = np.column_stack((edge, weight))
+            edge, weight = ramp(canvas, local, shown, "Edge, weight as alpha")
+        yield from (color, *((edge,) if turns else ()), weight, roughness)
 
 
 def _add_dead_end(group: bpy.types.NodeTree) -> None:

@@ -25,7 +25,8 @@ _LEAST_TINT, _LEAST_KS = (1e-10, 1e-10, 1e-10), (1e-8, 1e-8, 1e-8)
 _TYPES = {
     **dict.fromkeys(("Kd", "Ks", "Vector", "Normal", "Displacement"), "NodeSocketVector"),
     **dict.fromkeys(("Base Color", "Specular Tint", "Diffuse", "Specular"), "NodeSocketColor"),
-    **dict.fromkeys(("Second Color", "Third Color"), "NodeSocketColor"),
+    **dict.fromkeys(("Second Color", "Second Edge"), "NodeSocketColor"),
+    **dict.fromkeys(("Third Color", "Third Edge"), "NodeSocketColor"),
 }
 _AUTHORED = ("Base Color", "Metallic", "Specular IOR Level", "IOR", "Specular Tint")
 _STRENGTHS = {
