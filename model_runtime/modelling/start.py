@@ -222,7 +222,7 @@ def _read_light(
         return None
     with _unchanged(light):
         hashes["light"] = hash_file(light)
-        return read_light(light, atlas)
+        return read_light(light)
 
 
 def _read_models(run: Run) -> tuple[Models, dict[str, Any]]:

@@ -48,21 +48,23 @@ class Graph:
 
 
 @lru_cache(maxsize=1)
-def join(points: Points) -> Graph:
+def join(points: Points, least: float = -np.inf) -> Graph:
     """The nearest neighbors of each point, of those that face alike and lie in reach; the last are
-    kept, as the points are.
+    kept, as the points are. From a cosine between normals below `least` on there is an edge, across
+    which none are neighbors.
     """
     i, j = near_pairs(points.position, _REACH * points.spacing)
     apart = points.position[j] - points.position[i]
     length = np.maximum(np.linalg.norm(apart, axis=-1), 1e-3 * points.spacing)
-    alike = np.einsum("ij,ij->i", points.normal[i], points.normal[j]) >= _ALIKE
+    cosine = np.einsum("ij,ij->i", points.normal[i], points.normal[j])
+    alike = cosine >= _ALIKE
     count = len(points)
     away, distance = apart[~alike], length[~alike]
     middle = np.stack([np.bincount(i[~alike], away[:, axis], count) for axis in range(3)], -1)
     usual = np.bincount(i[~alike], distance, count)
     border = np.linalg.norm(middle, axis=-1) > _TO_ONE_SIDE * usual
     along = np.abs(np.einsum("ij,ij->i", apart, points.normal[i])) < 0.5 * length
-    kept = alike | (border[i] & border[j] & along)
+    kept = (alike | (border[i] & border[j] & along)) & (cosine >= least)
     i, j, length = i[kept], j[kept], length[kept]
 
     order = np.lexsort((length, i))

@@ -92,9 +92,14 @@ def read_mask(file: Path, means: MaskMeaning, atlas: Atlas) -> dict[str, Pixels]
     return {BLOCKED: white if means == "never" else 1 - white}
 
 
-def read_light(file: Path, atlas: Atlas) -> Pixels:
-    """The light, 0 to 1, that an image laid out as `atlas` says falls on its texels: [H, W]."""
-    return _read_scalar(file, atlas.size)
+def read_light(file: Path) -> Pixels:
+    """The light, 0 to 1, that an image laid out as a surface says falls on it: [h, w], NaN where
+    the image does not know. Raises InputError for one that knows nothing.
+    """
+    pixels = read_image(file, color=False).clip(0, 1)
+    if not np.isfinite(pixels).any():
+        raise InputError(f"{shown(file.name)} shows no light, not even none.", "Bake it again.")
+    return pixels
 
 
 def _stamp(file: Path) -> tuple[int, ...]:

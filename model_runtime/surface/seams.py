@@ -33,8 +33,11 @@ class Seen:
     values: Array
 
     @classmethod
-    def of(cls, atlas: Atlas, pixels: Array) -> Seen:
-        grid = _Grid.of(atlas, (pixels.shape[0], pixels.shape[1]))
+    def of(cls, atlas: Atlas, pixels: Array, *, least: float = _ALIKE) -> Seen:
+        """Of a map [H, W]; from a cosine between normals below `least` on two places do not touch,
+        but meet at an edge.
+        """
+        grid = _Grid.of(atlas, (pixels.shape[0], pixels.shape[1]), least)
         return cls(grid, pixels.reshape(-1).take(grid.texel))
 
     def share_below(self, levels: NDArray[np.float64]) -> list[float]:
@@ -89,7 +92,7 @@ class _Grid:
 
     @staticmethod
     @lru_cache(maxsize=1)
-    def of(atlas: Atlas, size: tuple[int, int]) -> _Grid:
+    def of(atlas: Atlas, size: tuple[int, int], least: float) -> _Grid:
         """That of a map of `size`; the last is kept, as the surface is."""
         height, width = (
             min(known, given, _MOST_SIDE) for known, given in zip(atlas.size, size, strict=True)
@@ -104,7 +107,7 @@ class _Grid:
         row, column = np.divmod(places.texel, size[1])
         number = np.searchsorted(rows, row) * width + np.searchsorted(columns, column)
         area = atlas.area.reshape(-1).take(places.baked)
-        found = _Look(atlas, looked_at[grid], replace(places, texel=number)).seams()
+        found = _Look(atlas, looked_at[grid], replace(places, texel=number)).seams(least)
         return _Grid(places.texel, area, found)
 
 
@@ -116,7 +119,7 @@ class _Look:
     covered: NDArray[np.bool_]
     places: Places
 
-    def seams(self) -> _Seams | None:
+    def seams(self, least: float) -> _Seams | None:
         shape = self.covered.shape[0], self.covered.shape[1]
         position, normal = np.zeros((2, self.covered.size, 3), np.float32)
         position[self.places.texel] = self.places.position
@@ -127,7 +130,7 @@ class _Look:
         i, j = near_pairs(position[rim], reach)
         i, inner, j = rim[i], inner[i], rim[j]
         apart = self._elsewhere(i, j, position, reach)
-        apart &= np.einsum("ij,ij->i", normal[i], normal[j]) >= _ALIKE
+        apart &= np.einsum("ij,ij->i", normal[i], normal[j]) >= least
         i, inner, j = i[apart], inner[apart], j[apart]
         distance = np.linalg.norm(position[i] - position[j], axis=-1)
         order = np.lexsort((distance, i))

@@ -19,7 +19,7 @@ from .atlas import MOST_KEPT, Atlas
 from .exposure import BLOCKED, WEAR, Exposure
 from .seams import Seen
 
-__all__ = ("WHITE", "SurfaceTiming", "surface_timing")
+__all__ = ("WHITE", "SurfaceTiming", "chunks", "surface_timing")
 
 Array = NDArray[np.float32]
 
@@ -82,7 +82,7 @@ class _Laid:
             return found[0], found[1], counted.take(places.baked)
 
         with ThreadPoolExecutor(_WORKERS) as workers:
-            for late, slow, area in workers.map(lay, _chunks(size)):
+            for late, slow, area in workers.map(lay, chunks(size)):
                 arrivals.add(late, area)
                 slowness.add(slow, area)
         return laid
@@ -132,7 +132,7 @@ def _timed(
     laid = _Laid.of(waves, atlas, covered, marks)
     onset, rate = _paced(laid, waves.growth, asked, stains)
     seen = Seen.of(atlas, onset)
-    for rows in _chunks(size):
+    for rows in chunks(size):
         beside, source = atlas.beside(covered, rows)
         for pixels in (onset, rate):
             pixels.reshape(-1)[beside] = pixels.reshape(-1).take(source)
@@ -169,7 +169,7 @@ def _paced(
     onset, rate, *down = laid.waves
     timing, amount = asked.timing, asked.amount
     pace = growth.pace if timing is None else pace_of(timing.onset)
-    for rows in _chunks(onset.shape):
+    for rows in chunks(onset.shape):
         part = slice(rows.start, rows.stop)
         late, slow = onset[part].copy(), rate[part]
         onset[part] = laid.arrivals.paced(late, pace, alike=0.0, amount=amount)
@@ -195,7 +195,8 @@ def _stained(onset: Array, rate: Array, alone: Array, ends: Array) -> Array:
     return np.where(onset < alone, slowed, rate)
 
 
-def _chunks(size: tuple[int, ...]) -> Iterator[range]:
+def chunks(size: tuple[int, ...]) -> Iterator[range]:
+    """The rows of a map of `size`, a few at a time."""
     step = max(1, _CHUNK // size[1])
     for start in range(0, size[0], step):
         yield range(start, min(start + step, size[0]))

@@ -68,7 +68,7 @@ def sides(maps: SurfaceMaps) -> dict[tuple[int, ...], float]:
     step = normal.shape[0] // light.shape[0]
     normal = normal[step // 2 :: step, step // 2 :: step]
     return {
-        side: float(np.median(light[(normal[..., :3] @ np.array(side)) > 0.99]))
+        side: float(np.nanmedian(light[(normal[..., :3] @ np.array(side)) > 0.99]))
         for side in (UP, SOUTH, NORTH, EAST, WEST)
     }
 

@@ -14,20 +14,19 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
-from ....model_runtime.reading.coverage import nearest_covered
 from ...errors import MaterialError
 from ...known import image_texture, known
 from ..reading.cycles import Baker
 from .collect import Around
 from .parts import Part
-from .standing import BAKED, NORMAL, UV_MAP, smoothed, standing
+from .standing import BAKED, NORMAL, UV_MAP, standing
 from .sunlight import light_of_a_year
 
 __all__ = ("Light", "light_on")
 
 Array = NDArray[np.float32]
 
-_SAMPLES = 64
+_SAMPLES = 48
 _MOST = 0.95  # of the surface has less light than that which counts as all
 _LEAST = 1e-9
 
@@ -61,7 +60,7 @@ def light_on(
     frame: int,
 ) -> Array:
     """The light that falls on the parts' triangles, laid out at `uv` [T, 3, 2], at the texels of a
-    map: [H, W], 0 to 1, which is what the brightest have; what was not baked shows the nearest.
+    map: [H, W], 0 to 1, which is what the brightest have; NaN where no face shows at the middle.
 
     Raises:
         MaterialError: Cycles fails, or no light falls on it.
@@ -75,13 +74,12 @@ def light_on(
         raise MaterialError(
             "Where light falls on the surface could not be baked.", "Choose another Light."
         )
-    seen = smoothed((baked - BAKED).clip(0)[..., None], there)[..., 0]
-    most = np.quantile(seen[there], _MOST)
+    most = np.quantile(baked[there], _MOST) - BAKED
     if most < _LEAST:
         raise MaterialError(
             "No light of the scene falls on the surface.", "Add one, or choose another Light."
         )
-    return (seen / most).clip(0, 1).reshape(-1).take(nearest_covered(there)).astype(np.float32)
+    return np.where(there, ((baked - BAKED) / most).clip(0, 1), np.nan).astype(np.float32)
 
 
 def _scatter(material: bpy.types.Material) -> bpy.types.ShaderNodeTexImage:
