@@ -65,7 +65,7 @@ class Scorer:
     @cached_property
     def _described(self) -> str:
         case = self.case
-        lobes = " lobes" if isinstance(case.target, MixtureSequence) else ""
+        lobes = " lobes that turn" if isinstance(case.target, MixtureSequence) else ""
         return f"{describe(case.source)} {describe(case.target)} {case.process} {_VERSION}{lobes}"
 
     def method(self, name: str) -> Method:

@@ -173,7 +173,7 @@ def _bind_torrance_sparrow(edit: Edit, aged: Aged) -> list[str]:
     aged["alpha"](glossy.inputs["Roughness"])
     shown = both.outputs[0]
     for number, lobe in enumerate(_further(aged), start=2):
-        shown = _with_lobe(edit, shown, lobe, normal, f"Lobe {number}", row=2 * number - 2)
+        shown = _with_lobe(edit, shown, lobe, normal, f"Lobe {number}", row=3 * number - 4)
     surface = _with_transparency(edit, _with_emission(edit, shown))
     edit.replace_shader(surface)
     lost = [each for each in _LOBES if _used(edit.input(each), 0.0)]
@@ -203,11 +203,11 @@ def _with_lobe(
     row: int,
 ) -> bpy.types.NodeSocket:
     """`surface` and a metal added, as much of it as its weight says."""
-    metal = edit.layout.add("ShaderNodeBsdfPrincipled", name, column=-1, row=row)
+    metal = edit.layout.add("ShaderNodeBsdfPrincipled", name, column=-3, row=row)
     metal.distribution = "GGX"
     metal.inputs["Metallic"].default_value = 1.0
-    weighed = edit.layout.add("ShaderNodeMixShader", f"{name}, Weight", column=-1, row=row + 1)
-    both = edit.layout.add("ShaderNodeAddShader", f"Add {name}", column=-2, row=row)
+    weighed = edit.layout.add("ShaderNodeMixShader", f"{name}, Weight", column=-4, row=row)
+    both = edit.layout.add("ShaderNodeAddShader", f"Add {name}", column=-5, row=row)
     edit.tree.links.new(metal.outputs[0], weighed.inputs[2])
     edit.tree.links.new(surface, both.inputs[0])
     edit.tree.links.new(weighed.outputs[0], both.inputs[1])
@@ -222,13 +222,13 @@ def _show_base(
     edit: Edit, lobe: Aged, base: bpy.types.NodeSocket, normal: Show, name: str, row: int
 ) -> None:
     """The color of a lobe, which turns to that of its edge, where it has one, as the view grazes
-    it: Facing at a Blend of 0.5 is 1 - cos of their angle.
+    it: at a Blend of 0.5 Facing is 1 - cos theta_o.
     """
     if "edge" not in lobe:
         lobe["color"](base)
         return
-    facing = edit.layout.add("ShaderNodeLayerWeight", f"{name}, Facing", column=0, row=row + 1)
-    turned = edit.layout.add("ShaderNodeMix", f"{name}, Edge", column=0, row=row)
+    facing = edit.layout.add("ShaderNodeLayerWeight", f"{name}, Facing", column=-2, row=row + 1)
+    turned = edit.layout.add("ShaderNodeMix", f"{name}, Edge", column=-2, row=row)
     turned.data_type = "RGBA"
     facing.inputs["Blend"].default_value = 0.5
     normal(facing.inputs["Normal"])
