@@ -47,9 +47,9 @@ def lit_timing(
     amount: float = 1.0,
     marks: Mapping[str, Array] | None = None,
 ) -> SurfaceTiming:
-    """The timing of a map of `size` of the surface that `atlas` shows, by the `light` [h, w], 0 to
-    1, NaN where it is not known, of an image of any size that is laid out as the atlas: what has
-    all of it comes to the end of its history in the end.
+    """The timing of a map of `size` of the surface that `atlas` shows, by the `light` [h, w], 0 or
+    more, NaN where it is not known, of an image of any size that is laid out as the atlas: what has
+    1 or more in the mean comes to the end of its history in the end.
 
     All start at once, but for what is blocked (`marks`, as in `surface_timing`; what is sought
     counts as lit) and what is darkest where only an `amount` of the surface, 0 to 1, ever starts.
@@ -81,7 +81,7 @@ def lit_timing(
     account = {
         "maps": ["light", "position", "normal"],
         "area": round(float(fallen.points.area.sum(dtype=np.float64)), 9),
-        "light": round(float(np.average(fallen.light, weights=fallen.points.area)), 4),
+        "light": round(float(np.average(fallen.light.clip(0, 1), weights=fallen.points.area)), 4),
     }
     return SurfaceTiming(onset, rate, seam_ratio, account)
 

@@ -93,10 +93,10 @@ def read_mask(file: Path, means: MaskMeaning, atlas: Atlas) -> dict[str, Pixels]
 
 
 def read_light(file: Path) -> Pixels:
-    """The light, 0 to 1, that an image laid out as a surface says falls on it: [h, w], NaN where
-    the image does not know. Raises InputError for one that knows nothing.
+    """The light that an image laid out as a surface says falls on it: [h, w], 0 or more, 1 for all
+    of it, NaN where the image does not know. Raises InputError for one that knows nothing.
     """
-    pixels = read_image(file, color=False).clip(0, 1)
+    pixels = read_image(file, color=False).clip(0)
     if not np.isfinite(pixels).any():
         raise InputError(f"{shown(file.name)} shows no light, not even none.", "Bake it again.")
     return pixels

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
-from tests.blender.material_cases import new_material
+from tests.blender.material_cases import new_material, plane, principled_of
 from tests.blender.surface_truth import SIZE, cube, read_map, unwrap
 from tvbrdf.tvbrdf_addon import lights, properties
 from tvbrdf.tvbrdf_addon.errors import MaterialError
@@ -60,15 +60,15 @@ def baked(material, tmp_path, light: Light, frame: int = 1) -> SurfaceMaps:
     return maps
 
 
-def sides(maps: SurfaceMaps) -> dict[tuple[int, ...], float]:
-    """The light in the middle of each side of a cube."""
+def sides(maps: SurfaceMaps, of=np.nanmedian) -> dict[tuple[int, ...], float]:
+    """The light in the middle of each side of a cube, or another measure `of` all there."""
     assert maps.folder is not None and maps.light is not None
     light = read_map(maps.folder, maps.light.stem)[..., 0]
     normal = read_map(maps.folder, "normal")
     step = normal.shape[0] // light.shape[0]
     normal = normal[step // 2 :: step, step // 2 :: step]
     return {
-        side: float(np.nanmedian(light[(normal[..., :3] @ np.array(side)) > 0.99]))
+        side: float(of(light[(normal[..., :3] @ np.array(side)) > 0.99]))
         for side in (UP, SOUTH, NORTH, EAST, WEST)
     }
 
@@ -91,15 +91,33 @@ def test_the_sun_of_a_year_lights_a_cube_as_it_does_the_sides_of_a_house(tmp_pat
 
 def test_a_lamp_of_the_scene_lights_what_it_shines_on_where_it_stands_at_that_frame(tmp_path):
     material = new_material()
-    unwrap(cube(material))
+    unwrap(cube(material), cube(material, location=(2.2, 0, 0)))
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "SUN"))
     bpy.context.scene.collection.objects.link(lamp)
     lamp.rotation_euler = (math.radians(90), 0, 0)  # shines along Y, on what faces against it
-    found = sides(baked(material, tmp_path, Light(bpy.context.scene)))
+    found = sides(baked(material, tmp_path, Light(bpy.context.scene)), np.nanmax)
     assert found[SOUTH] == pytest.approx(1, abs=0.02)
-    assert max(found[side] for side in (UP, NORTH, EAST, WEST)) < 0.02
+    dark = max(found[side] for side in (UP, NORTH, EAST, WEST))
+    assert dark < 0.02, "nor do two that face each other"
     lamp.hide_render = True
     with pytest.raises(MaterialError, match=r"No light of the scene falls on the surface.*Add one"):
+        baked(material, tmp_path, Light(bpy.context.scene))
+
+
+def test_what_glows_lights_what_stands_before_it_but_not_through_a_year(tmp_path):
+    material, sign = new_material(), new_material("Neon")
+    unwrap(cube(material))
+    before = plane(sign)
+    before.location, before.rotation_euler = (0, -1.5, 0), (math.radians(90), 0, 0)
+    strength = principled_of(sign).inputs["Emission Strength"]
+    strength.default_value = 5.0
+    found = sides(baked(material, tmp_path, Light(bpy.context.scene)))
+    assert found[SOUTH] > 0.5
+    assert max(found[side] for side in (NORTH, UP)) < 0.02
+    by_day = sides(baked(material, tmp_path, Light(None, math.radians(45))))
+    assert by_day[SOUTH] < 0.5, "it only takes the light there"
+    strength.default_value = 0.0
+    with pytest.raises(MaterialError, match="No light of the scene"):
         baked(material, tmp_path, Light(bpy.context.scene))
 
 

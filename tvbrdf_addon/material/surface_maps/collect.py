@@ -19,7 +19,7 @@ from ..reading.evaluated import alike, stand_in
 from ..reading.onset import is_shown
 from ..reading.passing import passing, stage
 from .painted import Mask
-from .parts import Part, Shown, read_mesh
+from .parts import Mesh, Part, Shown, read_mesh
 
 __all__ = ("Around", "Seen", "UVMap", "collect")
 
@@ -43,11 +43,24 @@ class UVMap:
 
 @dataclass(frozen=True)
 class Around:
-    """What may shelter the surface: triangles [T, 3] of vertices [V, 3], at matrices."""
+    """What may shelter the surface, or light it: triangles [T, 3] of vertices [V, 3], at matrices;
+    their `slots` [T] number `materials`, and `uv` is [T, 3, 2], None without a UV map.
+    """
 
     vertices: Array
     triangles: Numbers
     matrices: tuple[mathutils.Matrix, ...]
+    slots: Numbers
+    materials: tuple[bpy.types.Material | None, ...]
+    uv: Array | None
+
+    @classmethod
+    def of(cls, mesh: Mesh, matrices: Matrices, but: NDArray[np.bool_] | None = None) -> Around:
+        """A mesh, `but` some of its triangles, at matrices."""
+        kept = np.ones(len(mesh.triangles), bool) if but is None else ~but
+        uv = None if mesh.uv is None else mesh.uv[kept]
+        slots = mesh.slots[kept]
+        return cls(mesh.vertices, mesh.triangles[kept], tuple(matrices), slots, mesh.materials, uv)
 
 
 @dataclass(frozen=True)
@@ -122,13 +135,13 @@ def collect(
             first, *more = matrices(group)
             if mesh.shows.any():
                 shown.append(Shown(group[0], mesh, first, len(more)))
-                around.append(Around(mesh.vertices, mesh.triangles[~mesh.shows], (first,)))
-            around.append(Around(mesh.vertices, mesh.triangles, tuple(more)))
+                around.append(Around.of(mesh, [first], but=mesh.shows))
+            around.append(Around.of(mesh, more))
         for group in alike(others):
             if triangles > _MOST_TRIANGLES:
                 break
             mesh = read_mesh(copies[group[0]], depsgraph, material, "")
-            around.append(Around(mesh.vertices, mesh.triangles, tuple(matrices(group))))
+            around.append(Around.of(mesh, matrices(group)))
             triangles += len(mesh.triangles)
     there = tuple(each for each in around if len(each.triangles) and each.matrices)
     return Seen(tuple(shown), there, tuple(obj for obj in users if obj not in meshes), mask)

@@ -19,22 +19,22 @@ from ...known import image_texture, known
 from ..reading.cycles import Baker
 from .collect import Around
 from .parts import Part
-from .standing import BAKED, NORMAL, UV_MAP, standing
+from .standing import BAKED, NORMAL, UV_MAP, glows, smoothed, standing
 from .sunlight import light_of_a_year
 
 __all__ = ("Light", "light_on")
 
 Array = NDArray[np.float32]
 
-_SAMPLES = 48
+_SAMPLES, _GLOWING_SAMPLES = 48, 128  # of what glows each sees but a face
 _MOST = 0.95  # of the surface has less light than that which counts as all
 _LEAST = 1e-9
 
 
 @dataclass(frozen=True)
 class Light:
-    """What lights a surface: the lights and the world of a `scene`, or without one the open sky at
-    a `latitude`, with north at `north` (radians, as `light_of_a_year` has them).
+    """What lights a surface: the lights of a `scene`, its world and what glows, or without one the
+    open sky at a `latitude`, with north at `north` (radians, as `light_of_a_year` has them).
     """
 
     scene: bpy.types.Scene | None
@@ -60,30 +60,39 @@ def light_on(
     frame: int,
 ) -> Array:
     """The light that falls on the parts' triangles, laid out at `uv` [T, 3, 2], at the texels of a
-    map: [H, W], 0 to 1, which is what the brightest have; NaN where no face shows at the middle.
+    map: [H, W], 1 where it is what the brightest have, and a little noisy; NaN where no face shows
+    at the middle.
 
     Raises:
         MaterialError: Cycles fails, or no light falls on it.
     """
-    with standing(parts, around, uv, frame) as (scene, obj, material), _lighting(light, scene):
+    glowing = light.scene is not None and any(map(glows, around))
+    with (
+        standing(parts, around, uv, frame, glowing=glowing) as (scene, obj, material),
+        _lighting(light, scene),
+    ):
         node = _scatter(material)
         baker = Baker(scene, obj, node, UV_MAP, 0, lit=True)
-        baked = baker.texels((0, 0), size, samples=_SAMPLES).mean(2)
+        samples = _GLOWING_SAMPLES if glowing else _SAMPLES
+        baked = baker.texels((0, 0), size, samples=samples).mean(2)
     there = baked > BAKED / 2
     if not there.any():
         raise MaterialError(
             "Where light falls on the surface could not be baked.", "Choose another Light."
         )
-    most = np.quantile(baked[there], _MOST) - BAKED
+    seen = (baked - BAKED).clip(0)
+    most = np.quantile(smoothed(seen[..., None], there)[there], _MOST)
     if most < _LEAST:
         raise MaterialError(
             "No light of the scene falls on the surface.", "Add one, or choose another Light."
         )
-    return np.where(there, ((baked - BAKED) / most).clip(0, 1), np.nan).astype(np.float32)
+    return np.where(there, seen / most, np.nan).astype(np.float32)
 
 
 def _scatter(material: bpy.types.Material) -> bpy.types.ShaderNodeTexImage:
-    """Lets a material scatter all light, and emit a little; its image to bake to."""
+    """Lets a material scatter all light, and emit a little, which lights nothing; its image to bake
+    to.
+    """
     tree = known(material.node_tree)
     tree.nodes.clear()
     normal = tree.nodes.new("ShaderNodeAttribute")
@@ -92,6 +101,14 @@ def _scatter(material: bpy.types.Material) -> bpy.types.ShaderNodeTexImage:
     diffuse.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     emission = tree.nodes.new("ShaderNodeEmission")
     emission.inputs["Color"].default_value = (BAKED, BAKED, BAKED, 1.0)
+    # Else it would light itself where it is hollow, and be looked for as a lamp is.
+    ray = tree.nodes.new("ShaderNodeLightPath")
+    seen = tree.nodes.new("ShaderNodeMath")
+    seen.operation = "SUBTRACT"
+    seen.inputs[0].default_value = 1.0
+    material.cycles.emission_sampling = "NONE"
+    tree.links.new(ray.outputs["Is Diffuse Ray"], seen.inputs[1])
+    tree.links.new(seen.outputs[0], emission.inputs["Strength"])
     both = tree.nodes.new("ShaderNodeAddShader")
     output = tree.nodes.new("ShaderNodeOutputMaterial")
     tree.links.new(normal.outputs["Vector"], diffuse.inputs["Normal"])

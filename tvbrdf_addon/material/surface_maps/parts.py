@@ -14,7 +14,7 @@ from ..reading.unwrap import active_uv_map
 from .charts import Faces
 from .shells import turned_in
 
-__all__ = ("Part", "Shown", "read_mesh")
+__all__ = ("Mesh", "Part", "Shown", "read_mesh")
 
 Array = NDArray[np.float32]
 Numbers = NDArray[np.int64]
@@ -88,17 +88,21 @@ class Shown:
         yield repr(about).encode()
         yield np.array(self.matrix, np.float64).tobytes()
         for name, values in vars(self.mesh).items():
-            if name != "painted":
+            if name not in ("painted", "materials"):
                 yield b"" if values is None else values.tobytes()
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Vertices [V, 3] and triangles [T, 3] of a mesh, what these show, and what lies at corners."""
+    """Vertices [V, 3] and triangles [T, 3] of a mesh, what these show, and what lies at corners;
+    `slots` [T] number the mesh's `materials`.
+    """
 
     vertices: Array
     triangles: Numbers
     polygons: Numbers
+    slots: Numbers
+    materials: tuple[bpy.types.Material | None, ...]
     shows: NDArray[np.bool_]
     normals: Array
     uv: Array | None
@@ -109,6 +113,8 @@ _NO_MESH = Mesh(
     vertices=np.zeros((0, 3), np.float32),
     triangles=np.zeros((0, 3), np.int64),
     polygons=np.zeros(0, np.int64),
+    slots=np.zeros(0, np.int64),
+    materials=(),
     shows=np.zeros(0, bool),
     normals=np.zeros((0, 3, 3), np.float32),
     uv=None,
@@ -146,8 +152,9 @@ def read_mesh(
                 ("material_index", 1),
             )
         )
-        marked = np.array([*_slots_with(seen, mesh, material), False])
-        shows = marked[slots[:, 0].clip(0, max(len(marked) - 2, 0))]
+        materials = _materials(seen, mesh)
+        slots = slots[:, 0].clip(0, max(len(materials) - 1, 0))
+        shows = np.array([*(each == material for each in materials), False])[slots]
         normals = _read(mesh.corner_normals, "vector", 3)
         name = uv_map if uv_map in mesh.uv_layers else active_uv_map(mesh)
         uv = None if name in (None, but) else _read(mesh.uv_layers[name].data, "uv", 2)
@@ -162,6 +169,8 @@ def read_mesh(
         vertices,
         triangles[there],
         polygons[there, 0],
+        slots[there],
+        materials,
         shows[there],
         normals[loops],
         None if uv is None else np.nan_to_num(uv[loops]),
@@ -169,15 +178,15 @@ def read_mesh(
     )
 
 
-def _slots_with(
-    seen: bpy.types.Object, mesh: bpy.types.Mesh, material: bpy.types.Material
-) -> list[bool]:
-    """Which of an evaluated object's materials is this one: slots may be the object's own, and the
-    mesh's list, which may be longer, does not say so.
+def _materials(
+    seen: bpy.types.Object, mesh: bpy.types.Mesh
+) -> tuple[bpy.types.Material | None, ...]:
+    """An evaluated object's materials: slots may be the object's own, and the mesh's list, which
+    may be longer, does not say so.
     """
     own = [slot.material for slot in seen.material_slots]
     shown = [*own, *[*mesh.materials][len(own) :]]
-    return [each is not None and each.original == material for each in shown]
+    return tuple(each if each is None else each.original for each in shown)
 
 
 def _read(

@@ -9,17 +9,21 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..nodes.trace import input_socket, upstream
 from ..reading.cycles import baking_scene
 from ..reading.passing import discard
 from .collect import Around
 from .parts import Part
 
-__all__ = ("BAKED", "NORMAL", "UV_MAP", "smoothed", "standing")
+__all__ = ("BAKED", "NORMAL", "UV_MAP", "glows", "smoothed", "standing")
 
 Array = NDArray[np.float32]
 
 UV_MAP, NORMAL = "tvbrdf layout", "tvbrdf normal"
 """Of the object: its layout, and the attribute that holds its normals in the world."""
+
+_USUAL_UV_MAP = "UVMap"
+_STRENGTHS = {"EMISSION": "Strength", "BSDF_PRINCIPLED": "Emission Strength"}
 
 BAKED = 0.25
 """By this what is baked is moved up, so that what was not baked, which is 0, is told apart."""
@@ -27,10 +31,15 @@ BAKED = 0.25
 
 @contextmanager
 def standing(
-    parts: Sequence[Part], around: Sequence[Around], uv: Array, frame: int = 1
+    parts: Sequence[Part],
+    around: Sequence[Around],
+    uv: Array,
+    frame: int = 1,
+    *,
+    glowing: bool = False,
 ) -> Iterator[tuple[bpy.types.Scene, bpy.types.Object, bpy.types.Material]]:
     """A baking scene in which the parts' triangles, laid out at `uv` [T, 3, 2], stand as one object
-    of one material among all that is around.
+    of one material among all that is around, gray but for what glows, if that is to.
     """
     corners = np.concatenate([part.faces.corners for part in parts])
     normals = np.concatenate([part.normals for part in parts])
@@ -48,9 +57,36 @@ def standing(
         obj = stack.enter_context(_placed(scene, mesh))
         for other in around:
             stands = stack.enter_context(_mesh(other.vertices, other.triangles.ravel()))
+            if glowing and glows(other):
+                _glow(stands, other)
             for matrix in other.matrices:
                 stack.enter_context(_placed(scene, stands)).matrix_world = matrix
         yield scene, obj, material
+
+
+def glows(other: Around) -> bool:
+    """Whether any of what stands around emits light."""
+    return any(map(_emits, other.materials))
+
+
+def _glow(mesh: bpy.types.Mesh, other: Around) -> None:
+    """Gives the mesh of what stands around those of its materials that emit light."""
+    for each in other.materials:
+        mesh.materials.append(each if _emits(each) else None)
+    mesh.polygons.foreach_set("material_index", other.slots.astype(np.int32))
+    if other.uv is not None:
+        mesh.uv_layers.new(name=_USUAL_UV_MAP).data.foreach_set("uv", other.uv.ravel())
+
+
+def _emits(material: bpy.types.Material | None) -> bool:
+    tree = material and material.node_tree
+    output = tree and tree.get_output_node("CYCLES")
+    for node, _ in upstream(output.inputs["Surface"]) if output else ():
+        if node.type in ("EMISSION", "BSDF_PRINCIPLED"):
+            strength = input_socket(node, _STRENGTHS[node.type])
+            if strength.is_linked or strength.default_value > 0:
+                return True
+    return False
 
 
 def smoothed(values: Array, there: NDArray[np.bool_]) -> Array:
