@@ -11,9 +11,18 @@ import torch
 from torch import Tensor
 
 from model_runtime.brdf.half_angle import from_directions
+from model_runtime.brdf.torrance_sparrow import evaluate
+from model_runtime.brdf.views import other_views, psnr_of
+from model_runtime.channels import optics
+from model_runtime.errors import ModelFileError
 from training.data.films import fresnel, ground_under, seen_through
-from training.evaluation.layers.evaluate import evaluate_layers, table
-from training.evaluation.layers.walks import Film, Ground, evaluate_stack
+from training.data.walks import Film, Ground, evaluate_stack
+from training.evaluation.layers.evaluate import LAWS, evaluate_layers, table
+from training.evaluation.layers.stacks import film, multiplied, refracted, under_varnish
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+MATTE = ("white lead", "red earth", "azurite", "bone black")
 
 
 def direction(cosine: float, turn: float) -> Tensor:
@@ -22,11 +31,11 @@ def direction(cosine: float, turn: float) -> Tensor:
 
 
 def walked(alpha: float, depth: float, kd: float, ks: float, wi: Tensor, wo: Tensor, walks: int):
-    film = Film(torch.tensor([alpha]), torch.full((1, 3), depth))
+    film_of_one = Film(torch.tensor([alpha]), torch.full((1, 3), depth))
     ground = Ground(torch.full((1, 3), kd), torch.full((1, 3), ks), torch.tensor([0.3]))
     generator = torch.Generator().manual_seed(0)
     angles = from_directions(wi, wo)
-    return evaluate_stack(film, ground, angles, walks=walks, generator=generator)[0, :, 0]
+    return evaluate_stack(film_of_one, ground, angles, walks=walks, generator=generator)[0, :, 0]
 
 
 def test_a_smooth_film_over_a_matte_ground_is_what_optics_says():
@@ -71,13 +80,65 @@ def test_a_clear_film_changes_nothing_and_a_deep_one_pale_grounds_most():
     assert (kept[0] > kept[1]).all() and (kept[1] > kept[2]).all()
 
 
-def test_the_law_of_films_is_nearer_to_walks_than_crossing_twice(tmp_path: Path):
-    report = evaluate_layers(tmp_path, walks=1)
-    aged = [row for row in report.rows if row.age > 0]
-    for row in aged:
-        assert min(row.film) > 29
-        assert row.film[0] > row.multiplied[0] + 4, "most over pale grounds"
-    clear = next(row for row in report.rows if row.age == 0)
-    assert clear.film == clear.multiplied
-    assert table(report).count("\n") == 1 + len(report.rows)
+def test_a_film_that_neither_bends_nor_absorbs_leaves_the_ground_as_it_is():
+    ground = Ground(torch.full((1, 3), 0.3), torch.tensor([[0.5, 0.3, 0.1]]), torch.tensor([0.3]))
+    nothing = Film(torch.tensor([0.1]), torch.zeros(1, 3), ior=1.0001)
+    wi = torch.stack((direction(0.9, 0.0), direction(0.6, 0.0)))
+    angles = from_directions(wi, torch.stack((direction(0.8, 2.8), direction(0.7, 1.5))))
+    generator = torch.Generator().manual_seed(0)
+    walks = evaluate_stack(nothing, ground, angles, walks=4, generator=generator)
+    torch.testing.assert_close(
+        walks, evaluate(*optics(ground.states()), angles), rtol=0.01, atol=0.001
+    )
+
+
+@pytest.mark.parametrize("alpha", [0.05, 0.15])
+def test_laws_are_the_nearer_to_walks_the_more_they_know(alpha: float):
+    """Light is bent, reflected inside, and absorbed on slanted ways."""
+    views, generator = other_views(), torch.Generator().manual_seed(0)
+    for age in (0.0, 1.0):
+        stacks = under_varnish(alpha, age, MATTE)
+        walks = evaluate_stack(
+            stacks.film, stacks.ground, views.angles, walks=4, generator=generator
+        )
+        by_crossing, by_film, by_direction = (
+            psnr_of(views.seen(walks), views.seen(law(stacks, views.angles)))
+            for law in (multiplied, film, refracted)
+        )
+        assert (by_direction > by_film).all()
+        if age == 0:
+            torch.testing.assert_close(by_film, by_crossing)
+        else:
+            assert float(by_film.min()) > 29
+            assert float(by_film[0] - by_crossing[0]) > 4, "most over pale grounds"
+
+
+def test_the_smoother_the_film_the_nearer_is_refraction():
+    views, generator = other_views(), torch.Generator().manual_seed(0)
+    found = []
+    for alpha in (0.005, 0.15):
+        stacks = under_varnish(alpha, 0.5, ("red earth", "glossy red paint"))
+        walks = evaluate_stack(
+            stacks.film, stacks.ground, views.angles, walks=4, generator=generator
+        )
+        found.append(psnr_of(views.seen(walks), views.seen(refracted(stacks, views.angles))))
+    assert float(found[0].min()) > 40
+    assert (found[0] > found[1]).all()
+
+
+def test_a_report_has_a_row_a_ground_and_a_column_a_law(tmp_path: Path):
+    names = ("azurite", "gold")
+    report = evaluate_layers(tmp_path, walks=1, grounds=names, ages=(1.0,), roughness=(0.15,))
+    assert tuple(row.ground for row in report.rows) == names
+    lines = table(report).splitlines()
+    assert len(lines) == 2 + len(names)
+    assert all(line.count("|") == 2 + len(LAWS) for line in lines)
     assert (tmp_path / "layers.md").read_text() == table(report) + "\n"
+    for row in report.rows:
+        assert row.network > row.multiplied, row.ground
+
+
+def test_without_the_network_there_is_no_report_but_a_sentence(tmp_path: Path):
+    with pytest.raises(ModelFileError, match="weights of layering are missing") as told:
+        evaluate_layers(tmp_path, weights=tmp_path / "layering.safetensors")
+    assert "python -m training layering" in str(told.value)

@@ -271,6 +271,30 @@ def ode(
 
 
 @app.command
+def layering(
+    output: Path, resume: bool = False, minutes: float | None = None, seed: int = 0
+) -> None:
+    """Train the network of layered latents, to compare with what is known of films.
+
+    It takes some seven minutes of a core, two of them for the stacks that it learns from.
+
+    Args:
+        output: the .safetensors file to write; checkpoints and logs go beside it.
+        resume: go on from the checkpoint beside the output.
+        minutes: train so many minutes of one core instead, after those for the stacks.
+        seed: of all random numbers.
+    """
+    from .baselines.layering import train_layering
+    from .loop import Run
+
+    _check(minutes, seed)
+
+    told = f"--seed {seed}" + (f" --minutes {minutes:g}" if minutes is not None else "")
+    run = Run(output, output.with_suffix(".log"), resume, minutes, seed)
+    train_layering(run, f"python -m training layering {told}")
+
+
+@app.command
 def evaluate(
     what: tyro.conf.Positional[
         Literal["representation", "synthesis", "pareto", "stability", "realism", "fading", "layers"]

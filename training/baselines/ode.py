@@ -14,7 +14,6 @@ against a picture of that moment.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,12 +23,9 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import safe_open
-from safetensors.torch import save
 from torch import Tensor, nn
 from torch.nn import functional
 
-from model_runtime.atomic import replaced
 from model_runtime.errors import UsageError
 from model_runtime.reading.inputs import hash_file
 
@@ -37,6 +33,7 @@ from ..data.location import data_folder
 from ..loop import Run, Schedule, Training, remove_checkpoints, train
 from ..metric.texture import TextureMetric, encoded
 from ..source.pictures import read_pictures
+from .weights import read_weights, write_weights
 
 __all__ = ("Flow", "load_flow", "play", "train_flow")
 
@@ -224,9 +221,7 @@ def train_flow(
     schedule = Schedule(config.rate, config.warm_up, floor=0.02)
     training = Training(flow, learning.loss, schedule, config.iterations, g, made_from)
     record = train(training, run)
-    weights = {name: each.detach().half() for name, each in flow.named_parameters()}
-    with replaced(run.base, parents=True) as beside:
-        beside.write_bytes(save(weights, metadata={"record": json.dumps(record)}))
+    write_weights(run.base, flow, record)
     remove_checkpoints(run)
     return load_flow(run.base)
 
@@ -242,6 +237,5 @@ def _seen(metric: TextureMetric, frame: Array, g: torch.Generator) -> list[Tenso
 def load_flow(path: Path) -> Flow:
     """What `train_flow` wrote."""
     flow = Flow()
-    with safe_open(path, framework="pt") as stored:
-        flow.load_state_dict({name: stored.get_tensor(name).float() for name in stored.keys()})  # noqa: SIM118
-    return flow.eval()
+    read_weights(path, flow)
+    return flow

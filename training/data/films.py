@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ("fresnel", "ground_under", "seen_through")
+__all__ = ("fresnel", "ground_under", "returned", "seen_through")
 
 Array = NDArray[np.floating]
 
@@ -56,6 +56,15 @@ def seen_through(ground: Array, depth: Array | float, ior: float) -> Array:
     """How a `ground` [...] looks under a film of this optical depth straight through (`depth`
     broadcasts), of what the boundary lets in: 0 to 1.
     """
-    crosses, back = (np.interp(np.asarray(depth), _DEPTHS, each) for each in _crossings(ior))
-    _, (inner, *_) = _crossings(ior)
-    return crosses**2 * (1 - inner) * ground / (1 - back * ground)
+    across, _ = _crossings(ior)
+    crosses = np.interp(np.asarray(depth), _DEPTHS, across)
+    inner = returned(0.0, ior)
+    return crosses**2 * (1 - inner) * ground / (1 - returned(depth, ior) * ground)
+
+
+def returned(depth: Array | float, ior: float) -> Array:
+    """Of all that a ground scatters into a film of this optical depth, the share that comes back to
+    it.
+    """
+    _, back = _crossings(ior)
+    return np.interp(np.asarray(depth), _DEPTHS, back)

@@ -3,8 +3,9 @@
 A film is a rough dielectric boundary (GGX) over a medium that absorbs; under it lies a ground with
 a Torrance-Sparrow BRDF. Walks from both directions, refracted into the film, meet at the ground
 after every bounce (after Guo, Hasan and Zhao, Position-Free Monte Carlo Simulation for Arbitrary
-Layered BSDFs, 2018): what is not refracted out is reflected inside and goes on. Facets that hide
-one another lose light, the more the rougher the boundary is.
+Layered BSDFs, 2018): what is not refracted out is reflected inside and goes on, for as long as a
+roulette on what is left of it lets it. Facets that hide one another lose light, the more the
+rougher the boundary is.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ from torch import Tensor
 
 from model_runtime.brdf.half_angle import directions, from_directions
 from model_runtime.brdf.torrance_sparrow import specular_lobe
+from model_runtime.states import joined
 
-from ...data.films import fresnel
+from .films import fresnel
 
 __all__ = ("Film", "Ground", "boundary", "evaluate_stack")
 
-_BOUNCES = 10
+_BOUNCES = 40  # that hardly any walk lives to see
 _GLOSSY = 0.5  # of the walks leave the ground by its highlight, where it has one
 _TINY = 1e-6
 
@@ -37,6 +39,9 @@ class Film:
     depth: Tensor
     ior: float = 1.5
 
+    def __getitem__(self, rows: Tensor | slice) -> Film:
+        return Film(self.alpha[rows], self.depth[rows], self.ior)
+
 
 @dataclass(frozen=True)
 class Ground:
@@ -45,6 +50,13 @@ class Ground:
     kd: Tensor
     ks: Tensor
     alpha: Tensor
+
+    def __getitem__(self, rows: Tensor | slice) -> Ground:
+        return Ground(self.kd[rows], self.ks[rows], self.alpha[rows])
+
+    def states(self) -> Tensor:
+        """As states [n, C]."""
+        return joined(self.kd, self.ks, self.alpha)
 
 
 def _fresnel(cosine: Tensor, ior: float) -> Tensor:
@@ -59,30 +71,31 @@ def evaluate_stack(
     """
     n, m = len(film.alpha), len(angles)
     wi, wo = directions(angles)
-    rows = torch.arange(n).repeat_interleave(m * walks)
-
-    def each(values: Tensor) -> Tensor:
-        return values[rows]
-
-    def of(direction: Tensor) -> Tensor:
-        return direction[None, :, None].expand(n, m, walks, 3).reshape(-1, 3)
-
-    draw = _Draw(generator)
-    alpha, depth = each(film.alpha), each(film.depth)
-    below, weight = _into(of(wi), alpha, film.ior, draw)
-    kd, ks, gloss = each(ground.kd), each(ground.ks), each(ground.alpha)
-    through = weight[:, None] * torch.exp(-depth / below[:, 2:].clamp_min(_TINY))
-    total = torch.zeros(len(rows), 3)
+    draw, total = _Draw(generator), torch.zeros(n * m, 3)
+    place = torch.arange(n * m).repeat_interleave(walks)
+    stack, angle = place // m, place % m
+    below, weight = _into(wi[angle], film.alpha[stack], film.ior, draw)
+    through = weight[:, None] * _crossed(film.depth[stack], below)
     for _ in range(_BOUNCES):
-        out, leaving = _into(of(wo), alpha, film.ior, draw)
-        seen = _ground(kd, ks, gloss, below, out)
-        left = leaving[:, None] * torch.exp(-depth / out[:, 2:].clamp_min(_TINY))
-        total += through * seen * left / film.ior**2
+        alpha, depth = film.alpha[stack], film.depth[stack]
+        kd, ks, gloss = ground.kd[stack], ground.ks[stack], ground.alpha[stack]
+        out, leaving = _into(wo[place % m], alpha, film.ior, draw)
+        seen = _ground(kd, ks, gloss, below, out) * leaving[:, None] / film.ior**2
+        total.index_add_(0, place, through * seen * _crossed(depth, out))
         up, scattered = _scatter(kd, ks, gloss, below, draw)
-        through = through * scattered * torch.exp(-depth / up[:, 2:].clamp_min(_TINY))
         below, kept = _back(up, alpha, film.ior, draw)
-        through = through * kept[:, None] * torch.exp(-depth / below[:, 2:].clamp_min(_TINY))
-    return boundary(film, angles) + total.reshape(n, m, walks, 3).mean(2)
+        crossed = _crossed(depth, up) * _crossed(depth, below)
+        through = through * scattered * kept[:, None] * crossed
+        likely = through.amax(1).clamp_max(1)
+        lives = draw.uniform(len(likely))[0] < likely
+        place, stack, below = place[lives], stack[lives], below[lives]
+        through = through[lives] / likely[lives, None]
+    return boundary(film, angles) + total.reshape(n, m, 3) / walks
+
+
+def _crossed(depth: Tensor, direction: Tensor) -> Tensor:
+    """What a film of `depth` [k, 3] leaves of light along `direction` [k, 3] inside it."""
+    return torch.exp(-depth / direction[:, 2:].clamp_min(_TINY))
 
 
 def boundary(film: Film, angles: Tensor) -> Tensor:
