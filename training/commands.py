@@ -276,7 +276,7 @@ def layering(
 ) -> None:
     """Train the network of layered latents, to compare with what is known of films.
 
-    It takes some seven minutes of a core, two of them for the stacks that it learns from.
+    It takes some five minutes of a core, the first two for the stacks that it learns from.
 
     Args:
         output: the .safetensors file to write; checkpoints and logs go beside it.
