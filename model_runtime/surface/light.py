@@ -34,6 +34,7 @@ _TEXELS_A_POINT = 2  # of the light, in the mean: noise is evened out, and shado
 _MOST_POINTS = 4 * POINTS
 _LEAST = np.float32(1e-3)  # rate: nothing is so dark that it never changes
 _EDGE = 0.8  # cosine between normals, below which an edge lies between them
+_SMOOTH = 0.99  # cosine, below which facets meet at a seam, each with a light of its own
 _REACH = 1.5  # times as far as a texel of the light goes on, what it shows may lie from its middle
 _DOUBT = np.float32(1e-6)  # weight of what may be another part's light
 _WORKERS = 2
@@ -73,7 +74,7 @@ def lit_timing(
 
     with ThreadPoolExecutor(_WORKERS) as workers:
         list(workers.map(lay, chunks(size)))
-    seam_ratio = Seen.of(atlas, rate * (1 - onset), least=_EDGE).seam_ratio()
+    seam_ratio = Seen.of(atlas, rate * (1 - onset), least=_SMOOTH).seam_ratio()
     for rows in chunks(size):
         beside, source = atlas.beside(covered, rows)
         for pixels in (onset, rate):
