@@ -1,4 +1,4 @@
-"""`python -m training encoder | estimator | ntm | grain | scan | learn | weathering | evaluate`."""
+"""`python -m training COMMAND`: makes encoders and models of change, and evaluates them."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ from model_runtime.resampling import between
 from model_runtime.states import rows_of
 from model_runtime.temporal.ntm import NeuralTemporalModel
 
-from ..bench.kept import identity, kept
+from ..bench.kept import code, identity, kept
 
 __all__ = ("Exact", "compared", "exact_texels", "interpolated")
 
@@ -159,7 +159,7 @@ def exact_texels(
     times = tuple(k / (frames - 1) for k in compared(frames))
 
     path = folder / f"exact_{size}_{material.name}_{rung}.safetensors"
-    model = identity(*ntm.tensors().values())
+    model = identity(code(), *ntm.tensors().values())
     made_from = identity(
         initial[chosen], encoder, model, f"{rung} {times} {seed} {size} {worn is not None} a texel"
     )

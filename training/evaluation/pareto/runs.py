@@ -20,7 +20,7 @@ from model_runtime.model_files.weights import ENCODER, ESTIMATOR, find_model
 from model_runtime.output.stored import StagedResult
 
 from ..bench.aging import age_silently, megabytes
-from ..bench.kept import identity, kept_json
+from ..bench.kept import code, identity, kept_json
 from .exact import Exact
 from .settings import Setting
 
@@ -55,9 +55,9 @@ class Run:
 
 
 def bundled(ntm: str) -> str:
-    """What identifies the bundled model `ntm`, the encoder and the estimator."""
+    """What identifies the bundled model `ntm`, the encoder, the estimator and the program."""
     files = find_model(ntm), ENCODER, ESTIMATOR
-    return identity(*(path.read_bytes().hex() for path in files))
+    return identity(code(), *(path.read_bytes().hex() for path in files))
 
 
 def measure(

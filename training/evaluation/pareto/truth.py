@@ -23,7 +23,7 @@ from model_runtime.representation.latents import PAPER_SAMPLES, Representation
 from model_runtime.temporal.models import LatentLSTM
 
 from ..bench.encoders import WEIGHTS
-from ..bench.kept import identity, kept_json
+from ..bench.kept import code, identity, kept_json
 from ..bench.spheres import TexturedSphere
 from ..synthesis.cases import make_cases
 from ..synthesis.methods import Models, Rung, Transferred, load_models, method_for
@@ -127,7 +127,7 @@ class Truth:
     ) -> TruthRun:
         look = f"{what} {self.pixels} {self.stride} {self.learning}"
         encoders = (encoder for _, encoder in self._models.encoders.values())
-        made_from = identity(look, *encoders, hash_file(ESTIMATOR), *self._described)
+        made_from = identity(look, code(), *encoders, hash_file(ESTIMATOR), *self._described)
 
         def make() -> dict[str, object]:
             found = [one(stage) for stage in self._stages]

@@ -18,7 +18,7 @@ from model_runtime.states import rows_of
 
 from ...ntm import NTMConfig
 from ..bench.encoders import WEIGHTS
-from ..bench.kept import identity, kept_json
+from ..bench.kept import code, identity, kept_json
 from ..bench.results import chosen, write_report
 from ..bench.spheres import TexturedSphere
 from ..synthesis.methods import load_models
@@ -37,7 +37,6 @@ __all__ = ("STRESSES", "evaluate_stability")
 STRESSES: Mapping[str, Stress] = {**TARGETS, **INPUTS, **MEASURED, **LEARNING}
 """By name."""
 
-_VERSION = 1
 _PROBES = 64  # directions that identify a measured material
 _EFFORT = Effort(NTMConfig(iterations=250, batch=64), 384, NTMConfig(iterations=300, batch=48), 32)
 
@@ -73,7 +72,7 @@ def evaluate_stability(
     cells = [(name, x) for name in wanted for x in STRESSES[name].severities]
     for name, x in tqdm(cells, desc="stresses", unit=" trial"):
         trial = STRESSES[name].make(setup, x)
-        described = _description(trial, f"{pixels} {stride} {effort} {_VERSION}")
+        described = _description(trial, f"{pixels} {stride} {effort} {code()}")
         for method in names:
             if method in STRESSES[name].methods:
                 outcome = _outcome(folder, identity(described, method), trial, method, trials)

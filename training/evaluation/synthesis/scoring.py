@@ -10,8 +10,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ...data.sequences import MixtureSequence, Sequence
-from ..bench.kept import identity, kept, kept_json
+from ...data.sequences import Sequence
+from ..bench.kept import code, identity, kept, kept_json
 from ..bench.spheres import picture
 from .cases import Case
 from .methods import Decoded, Method, Models, Rung, method_for
@@ -22,7 +22,6 @@ from .statistics import Rows, spot_statistics, states_with_true_onset
 
 __all__ = ("Scored", "Scorer", "strip_frames")
 
-_VERSION = 2
 _EVERY = 5
 _STRIP = 5
 
@@ -65,8 +64,7 @@ class Scorer:
     @cached_property
     def _described(self) -> str:
         case = self.case
-        lobes = " lobes that turn" if isinstance(case.target, MixtureSequence) else ""
-        return f"{describe(case.source)} {describe(case.target)} {case.process} {_VERSION}{lobes}"
+        return f"{describe(case.source)} {describe(case.target)} {case.process} {code()}"
 
     def method(self, name: str) -> Method:
         """Trained on the case's source."""

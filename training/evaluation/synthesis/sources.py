@@ -22,15 +22,13 @@ from ...source.histories import source_histories
 from ...source.onsets import timed
 from ...source.steadiness import steadied
 from ..bench.aging import texels_of
-from ..bench.kept import identity, kept
+from ..bench.kept import code, identity, kept
 from .stage import thinned
 
 __all__ = ("RIVALS", "Effort", "SourceModels", "describe")
 
 RIVALS = ("paper", "brdfnps")
 """Methods with an encoder of their own, on whose latents the paper's LSTM is trained."""
-
-_VERSION = 2
 
 AnySequence = Sequence | MixtureSequence
 
@@ -91,7 +89,7 @@ class SourceModels:
         """
         effort = self.effort
         chosen = steadied(source if onset else _without_onset(source))
-        spent = f"{effort.ladder} {effort.texels} {_VERSION}"
+        spent = f"{effort.ladder} {effort.texels} {code()}"
         made_from = identity(describe(chosen), encoder, spent)
         path = self.folder / f"ntm_{key}{'' if onset else '_estimated'}.safetensors"
         if not path.exists() or read_card(path).details.get("made_from") != made_from:
@@ -109,7 +107,7 @@ class SourceModels:
     ) -> LatentLSTM:
         """The paper's temporal model on the latents of one of its encoders."""
         effort = self.effort
-        spent = f"{effort.rival} {effort.rival_texels} {_VERSION}"
+        spent = f"{effort.rival} {effort.rival_texels} {code()}"
         made_from = identity(describe(source), encoder, spent)
         path = self.folder / f"{name}_{key}.safetensors"
 
