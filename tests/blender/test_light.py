@@ -107,8 +107,8 @@ def test_a_lamp_of_the_scene_lights_what_it_shines_on_where_it_stands_at_that_fr
 def test_what_glows_lights_what_stands_before_it_but_not_through_a_year(tmp_path):
     material, sign = new_material(), new_material("Neon")
     unwrap(cube(material))
-    before = plane(sign)
-    before.location, before.rotation_euler = (0, -1.5, 0), (math.radians(90), 0, 0)
+    neon = plane(sign)
+    neon.location, neon.rotation_euler = (0, -1.5, 0), (math.radians(90), 0, 0)
     strength = principled_of(sign).inputs["Emission Strength"]
     strength.default_value = 5.0
     found = sides(baked(material, tmp_path, Light(bpy.context.scene)))
@@ -116,9 +116,11 @@ def test_what_glows_lights_what_stands_before_it_but_not_through_a_year(tmp_path
     assert max(found[side] for side in (NORTH, UP)) < 0.02
     by_day = sides(baked(material, tmp_path, Light(None, math.radians(45))))
     assert by_day[SOUTH] < 0.5, "it only takes the light there"
-    strength.default_value = 0.0
-    with pytest.raises(MaterialError, match="No light of the scene"):
-        baked(material, tmp_path, Light(bpy.context.scene))
+    color = principled_of(sign).inputs["Emission Color"]
+    for shade, power in ((0.0, 5.0), (1.0, 0.0)):
+        color.default_value, strength.default_value = (shade, shade, shade, 1.0), power
+        with pytest.raises(MaterialError, match="No light of the scene"):
+            baked(material, tmp_path, Light(bpy.context.scene))
 
 
 def test_what_fades_does_by_the_sun_unless_told_otherwise():

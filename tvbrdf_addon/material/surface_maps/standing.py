@@ -23,7 +23,10 @@ UV_MAP, NORMAL = "tvbrdf layout", "tvbrdf normal"
 """Of the object: its layout, and the attribute that holds its normals in the world."""
 
 _USUAL_UV_MAP = "UVMap"
-_STRENGTHS = {"EMISSION": "Strength", "BSDF_PRINCIPLED": "Emission Strength"}
+_EMISSION = {
+    "EMISSION": ("Strength", "Color"),
+    "BSDF_PRINCIPLED": ("Emission Strength", "Emission Color"),
+}
 
 BAKED = 0.25
 """By this what is baked is moved up, so that what was not baked, which is 0, is told apart."""
@@ -82,11 +85,16 @@ def _emits(material: bpy.types.Material | None) -> bool:
     tree = material and material.node_tree
     output = tree and tree.get_output_node("CYCLES")
     for node, _ in upstream(output.inputs["Surface"]) if output else ():
-        if node.type in ("EMISSION", "BSDF_PRINCIPLED"):
-            strength = input_socket(node, _STRENGTHS[node.type])
-            if strength.is_linked or strength.default_value > 0:
-                return True
+        sockets = [input_socket(node, name) for name in _EMISSION.get(node.type, ())]
+        if sockets and all(map(_may_be_above_0, sockets)):
+            return True
     return False
+
+
+def _may_be_above_0(socket: bpy.types.NodeSocket) -> bool:
+    if socket.is_linked:
+        return True
+    return bool(np.max(np.atleast_1d(socket.default_value)[:3]) > 0)
 
 
 def smoothed(values: Array, there: NDArray[np.bool_]) -> Array:
