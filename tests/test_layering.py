@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from model_runtime.brdf.views import other_views, psnr_of
+from model_runtime.brdf.views import other_views, psnr_of, views
 from model_runtime.errors import ModelFileError
 from model_runtime.representation import load_representation
 from model_runtime.representation.latents import Latents
@@ -68,12 +68,12 @@ def test_it_knows_varnish_over_paint_and_over_metal():
         torch.tensor([[0.04] * 3, [1.0, 0.78, 0.34], [0.56] * 3]),
         torch.tensor([0.2, 0.15, 0.3]),
     )
-    views, (representation, _) = other_views(), load_representation()
+    seen_from, (representation, _) = other_views(), load_representation()
     g = torch.Generator().manual_seed(0)
-    walks = evaluate_stack(film, ground, views.angles, walks=16, generator=g)
+    walks = evaluate_stack(film, ground, seen_from.angles, walks=16, generator=g)
     under = representation.encode_parameters(ground.states())
-    known = representation.decode(load_layering(NETWORK)(under, film), views.angles)
-    assert float(psnr_of(views.seen(walks), views.seen(known)).min()) > 36
+    known = representation.decode(load_layering(NETWORK)(under, film), seen_from.angles)
+    assert float(psnr_of(seen_from.seen(walks), seen_from.seen(known)).min()) > 36
 
 
 def test_weights_of_another_encoder_are_refused(tmp_path: Path):
@@ -81,3 +81,12 @@ def test_weights_of_another_encoder_are_refused(tmp_path: Path):
     write_weights(path, Layering(), {"run": {"encoder": "another"}})
     with pytest.raises(ModelFileError, match="another encoder"):
         load_layering(path)
+
+
+def test_what_aging_looked_at_first_can_be_learned_from():
+    views.cache_clear()
+    with torch.inference_mode():
+        views()
+    f = torch.ones(1, len(views().angles), 3, requires_grad=True)
+    views().seen(f).sum().backward()
+    assert f.grad is not None

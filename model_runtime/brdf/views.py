@@ -96,12 +96,14 @@ def _lamps(light: Tensor, count: int, start: float) -> Tensor:
 
 
 @cache
+@torch.inference_mode(False)  # training asks for gradients through what aging made first
 def views() -> Views:
     """Those that are read where something is fitted."""
     return Views.of(8, 128, 32, 0.5)
 
 
 @cache
+@torch.inference_mode(False)
 def other_views() -> Views:
     """Those that are held back, to tell whether it fits."""
     return Views.of(6, 150, 25, 0.27)

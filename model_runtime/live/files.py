@@ -135,11 +135,11 @@ def _with_residues(curves: Curves, residues: Residues) -> tuple[Curves, Tensor]:
 
 def _lobe_curves(further: Tensor, count: int) -> Pixels:
     """[K, T, 8] with roughness at `count` T even ages of lobes `further` [ages, K, 8]."""
-    lobes = further.clone()
-    lobes[..., LOBE["alpha"]] = further[..., LOBE["alpha"]].sqrt()
     even, own = np.linspace(0, 1, count), np.linspace(0, 1, len(further))
-    curves = [np.interp(even, own, line) for line in lobes.flatten(1).T.numpy()]
-    return np.reshape(curves, (*further.shape[1:], count)).transpose(0, 2, 1).astype(np.float32)
+    lines = [np.interp(even, own, line) for line in further.flatten(1).T.numpy()]
+    curves = np.reshape(lines, (*further.shape[1:], count)).transpose(0, 2, 1).astype(np.float32)
+    curves[..., LOBE["alpha"]] **= 0.5
+    return curves
 
 
 def _image(planes: Sequence[Tensor], size: tuple[int, ...], dtype: type[_Value]) -> NDArray[_Value]:

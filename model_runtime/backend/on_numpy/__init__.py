@@ -44,9 +44,9 @@ for _name, _function in _methods.items():
 
 
 @contextmanager
-def inference_mode() -> Iterator[None]:
+def inference_mode(mode: bool = True) -> Iterator[None]:
     """As PyTorch does, nothing is said where a number is too large or none."""
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore" if mode else None):
         yield
 
 
