@@ -95,7 +95,7 @@ def nearest(
 ) -> Tensor:
     """`Measurements.nearest` of values `read` [N, M, 3] at `views()`."""
     free = torch.ones_like(start) if free is None else free
-    parts = zip(*(each.split(_TOGETHER) for each in (read, start, free)), strict=True)
+    parts = zip(read.split(_TOGETHER), start.split(_TOGETHER), free.split(_TOGETHER), strict=True)
     return torch.cat([_nearest(*some, evaluate, steps) for some in parts])
 
 
